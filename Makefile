@@ -1,0 +1,43 @@
+# Every target sets up .venv first if pyproject.toml is newer. Any Python >= 3.11 will do: make PYTHON=python3.12 ...
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+# Kernels cached by an older source tree must never be run: numba does not see a change across files.
+KERNELS := $(shell cat swingd/core/*.py 2>/dev/null | cksum | cut -d' ' -f1)
+export NUMBA_CACHE_DIR ?= $(CURDIR)/.numba_cache/$(KERNELS)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check bench golden clean
+
+help:  ## this list
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+$(STAMP): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "swingd needs Python 3.11 or newer, this is " + sys.version)'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+setup: $(STAMP)  ## create .venv with swingd and everything its tests need
+
+demo: $(STAMP)  ## fly a simulated PX4 with a slung load, correction off, then on
+	$(BIN)/swingd demo
+
+test: $(STAMP)  ## the whole test suite
+	$(BIN)/python -m pytest
+
+check: $(STAMP)  ## style, types and the contract of the rooms
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(STAMP)  ## speed of the parts, each as a ratio to a peer of the same run
+	$(BIN)/python tools/bench.py
+
+golden: $(STAMP)  ## rewrite the golden replays; read the diff before committing it
+	$(BIN)/python tools/golden.py --write
+
+clean:  ## remove what the other targets made
+	rm -rf $(VENV) .numba_cache .pytest_cache .mypy_cache .ruff_cache .hypothesis build out *.egg-info

@@ -1,0 +1,1 @@
+"""Numba kernels with their index and status enumerations; they know nothing of the rooms above."""

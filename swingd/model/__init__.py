@@ -1,0 +1,1 @@
+"""Values that cross the rooms: parameters, events, actions, estimates and errors; no behaviour."""

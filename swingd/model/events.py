@@ -1,0 +1,211 @@
+"""Everything that enters the pipeline, in SI units, radians and named frames.
+
+Every event carries ``t_mono_s``, the host's monotonic clock at its arrival, injected by the host; samples carry besides
+``t_boot_s``, the autopilot's own stamp. Integration uses ``t_boot_s`` only, ages use ``t_mono_s`` only.
+"""
+
+from dataclasses import dataclass
+from enum import Enum, IntFlag
+
+from swingd.model.parameters import Parameters
+
+Vec3 = tuple[float, float, float]
+"""Three components along the axes of the frame that the name gives."""
+
+
+class FlightMode(Enum):
+    """What the autopilot's mode means to swingd."""
+
+    UNKNOWN = "unknown"
+    OFFBOARD = "offboard"
+    """PX4 OFFBOARD, ArduPilot GUIDED: the autopilot follows external setpoints."""
+    OTHER = "other"
+
+
+class LandedState(Enum):
+    """The autopilot's land detector (MAV_LANDED_STATE)."""
+
+    UNKNOWN = "unknown"
+    ON_GROUND = "on_ground"
+    IN_AIR = "in_air"
+    TAKING_OFF = "taking_off"
+    LANDING = "landing"
+
+
+class Stream(Enum):
+    """An input that swingd asks the autopilot for."""
+
+    IMU = "imu"
+    ATTITUDE = "attitude"
+    THROTTLE = "throttle"
+    MOTORS = "motors"
+    BATTERY = "battery"
+    LOCAL_POSITION = "local_position"
+    LANDED_STATE = "landed_state"
+
+
+@dataclass(frozen=True, slots=True)
+class Imu:
+    """One inertial sample (HIGHRES_IMU)."""
+
+    t_mono_s: float
+    t_boot_s: float
+    acc_frd_mps2: Vec3
+    """Specific force at the IMU, bias removed by the autopilot [m/s^2]."""
+    gyro_frd_radps: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """Attitude of the body (ATTITUDE): 3-2-1 Euler angles of ned_from_frd."""
+
+    t_mono_s: float
+    t_boot_s: float
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Throttle:
+    """Commanded collective thrust, 0..1 (ATTITUDE_TARGET.thrust)."""
+
+    t_mono_s: float
+    t_boot_s: float
+    throttle: float
+
+
+@dataclass(frozen=True, slots=True)
+class Motors:
+    """Outputs to the motors, each normalised to 0..1 (ACTUATOR_OUTPUT_STATUS, SERVO_OUTPUT_RAW)."""
+
+    t_mono_s: float
+    t_boot_s: float
+    outputs: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """Voltage of the pack that feeds the motors."""
+
+    t_mono_s: float
+    voltage_v: float
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPosition:
+    """The autopilot's position and velocity estimate (LOCAL_POSITION_NED)."""
+
+    t_mono_s: float
+    t_boot_s: float
+    pos_ned_m: Vec3
+    vel_ned_mps: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotState:
+    """Arming and mode, from the autopilot's HEARTBEAT."""
+
+    t_mono_s: float
+    armed: bool
+    mode: FlightMode
+
+
+@dataclass(frozen=True, slots=True)
+class Landed:
+    """State of the autopilot's land detector."""
+
+    t_mono_s: float
+    state: LandedState
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotRestart:
+    """The autopilot's clock went back or jumped: every stamp kept so far is void."""
+
+    t_mono_s: float
+    step_s: float
+    """New clock minus the expected one [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class StreamRefused:
+    """The autopilot denied a stream's interval."""
+
+    t_mono_s: float
+    stream: Stream
+    reason: str
+
+
+class SetpointUse(IntFlag):
+    """Which groups of a setpoint are meant (bits of POSITION_TARGET_TYPEMASK inverted, per axis)."""
+
+    NONE = 0
+    POS_N = 1
+    POS_E = 2
+    POS_D = 4
+    VEL_N = 8
+    VEL_E = 16
+    VEL_D = 32
+    ACC_N = 64
+    ACC_E = 128
+    ACC_D = 256
+    YAW = 1024
+    YAW_RATE = 2048
+    VEL = VEL_N | VEL_E | VEL_D
+    POS = POS_N | POS_E | POS_D
+    ACC = ACC_N | ACC_E | ACC_D
+
+
+@dataclass(frozen=True, slots=True)
+class AppSetpoint:
+    """A setpoint in local NED that an application asks for; components outside ``use`` are to be ignored."""
+
+    t_mono_s: float
+    use: SetpointUse
+    pos_ned_m: Vec3
+    vel_ned_mps: Vec3
+    acc_ned_mps2: Vec3
+    yaw_rad: float
+    yaw_rate_radps: float
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectionSwitch:
+    """The user enables or disables the correction."""
+
+    t_mono_s: float
+    enabled: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ParametersChange:
+    """New parameters, whole."""
+
+    t_mono_s: float
+    parameters: Parameters
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The host's clock, at a steady rate whatever the link does."""
+
+    t_mono_s: float
+
+
+Event = (
+    Imu
+    | Attitude
+    | Throttle
+    | Motors
+    | Battery
+    | LocalPosition
+    | AutopilotState
+    | Landed
+    | AutopilotRestart
+    | StreamRefused
+    | AppSetpoint
+    | CorrectionSwitch
+    | ParametersChange
+    | Tick
+)

@@ -1,0 +1,223 @@
+"""Every parameter of swingd, declared once: value, unit, range and meaning.
+
+The configuration schema, the documentation and the parameter list of the ground station are derived from these classes.
+Every number has both bounds, because YAML can write ``.nan`` and ``.inf``.
+"""
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+
+class Mode(Enum):
+    """What the daemon does with its estimate."""
+
+    SHADOW = "shadow"
+    """Estimate and publish only."""
+    HOLD = "hold"
+    """Stream its own reference velocity with the correction in it."""
+
+
+class Integrator(Enum):
+    """Integration of the filter's mean; the covariance is always backward Euler."""
+
+    BACKWARD_EULER = "backward_euler"
+    IMPLICIT_MIDPOINT = "implicit_midpoint"
+    RK4 = "rk4"
+
+
+class ThrustSource(Enum):
+    """Where the thrust estimate comes from."""
+
+    AUTO = "auto"
+    """Motor outputs where they arrive, else the throttle, else Remark 1."""
+    MOTORS = "motors"
+    THROTTLE = "throttle"
+    REMARK_1 = "remark_1"
+    """Reconstructed from the acceleration, Drones 2023 (14); valid near hover only."""
+
+
+def quantity(default: Any, unit: str, low: float, high: float, text: str) -> Any:
+    """Declare a number (or a vector whose components share unit and bounds) with its unit, bounds and meaning."""
+    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "text": text})
+
+
+def choice(default: Any, text: str) -> Any:
+    """Declare a switch, a name or an enumeration with its meaning."""
+    return field(default=default, metadata={"text": text})
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """The multirotor without its load."""
+
+    mass_kg: float = quantity(2.0, "kg", 0.05, 2000.0, "mass of the vehicle with battery, without load and cable")
+    hook_frd_m: tuple[float, float, float] = quantity(
+        (0.0, 0.0, 0.0), "m", -10.0, 10.0, "hook from the centre of gravity: forward, right, down"
+    )
+    imu_frd_m: tuple[float, float, float] = quantity(
+        (0.0, 0.0, 0.0), "m", -10.0, 10.0, "autopilot's IMU from the centre of gravity: forward, right, down"
+    )
+    drag_n_per_mps: float = quantity(
+        0.0, "N/(m/s)", 0.0, 1000.0, "horizontal drag over speed; known drag spares the filter from guessing it as wind"
+    )
+    drag_vertical_n_per_mps: float = quantity(0.0, "N/(m/s)", 0.0, 1000.0, "vertical drag over speed")
+
+
+@dataclass(frozen=True, slots=True)
+class Payload:
+    """The load."""
+
+    mass_kg: float = quantity(0.3, "kg", 0.005, 2000.0, "mass of the load with its hook and half of the cable")
+
+
+@dataclass(frozen=True, slots=True)
+class Cable:
+    """The cable."""
+
+    length_m: float = quantity(1.5, "m", 0.1, 200.0, "from the hook to the load's centre of mass")
+
+
+@dataclass(frozen=True, slots=True)
+class Thrust:
+    """Thrust curve F = scale (V / V0)^n (a x^2 + b x + c) with x in 0..1, and its self-calibration."""
+
+    source: ThrustSource = choice(ThrustSource.AUTO, "auto, motors, throttle or remark_1")
+    quadratic_n: float = quantity(30.0, "N", -1e5, 1e5, "a: all rotors together, at nominal voltage")
+    linear_n: float = quantity(6.0, "N", -1e5, 1e5, "b: all rotors together, at nominal voltage")
+    offset_n: float = quantity(0.3, "N", -1e4, 1e4, "c: all rotors together, at nominal voltage")
+    voltage_nominal_v: float = quantity(16.2, "V", 1.0, 1000.0, "V0: the voltage at which the curve was measured")
+    voltage_exponent: float = quantity(
+        2.0, "1", 0.0, 3.0, "n: 2 for ESCs without compensation; 0 where the autopilot or the ESC compensates"
+    )
+    voltage_min_v: float = quantity(6.0, "V", 0.5, 1000.0, "readings below are refused")
+    voltage_max_v: float = quantity(60.0, "V", 1.0, 1000.0, "readings above are refused")
+    voltage_time_constant_s: float = quantity(0.5, "s", 0.0, 10.0, "low-pass on the voltage")
+    motor_time_constant_s: float = quantity(0.02, "s", 0.0, 0.5, "first-order lag of the rotor's speed")
+    motor_output_min: float = quantity(1000.0, "autopilot's unit", -1e4, 1e4, "motor output that means x = 0")
+    motor_output_max: float = quantity(2000.0, "autopilot's unit", -1e4, 1e4, "motor output that means x = 1")
+    motors_delay_s: float = quantity(0.0, "s", -0.1, 0.2, "from a motor output's stamp to the IMU stamp that shows it")
+    throttle_delay_s: float = quantity(0.01, "s", -0.1, 0.2, "from a throttle's stamp to the IMU stamp that shows it")
+    scale_rate_per_s: float = quantity(0.005, "1/s", 0.0, 0.005, "fastest change of scale; 0 switches calibration off")
+    scale_range: float = quantity(0.25, "1", 0.0, 0.25, "scale stays within 1 +- this")
+
+
+@dataclass(frozen=True, slots=True)
+class Estimator:
+    """The swing estimator."""
+
+    name: str = choice("swing_ekf", "estimator by name: swing_ekf, or pendulum (open loop, the baseline)")
+    rate_hz: float = quantity(100.0, "Hz", 20.0, 400.0, "filter steps per second")
+    integrator: Integrator = choice(Integrator.BACKWARD_EULER, "backward_euler, implicit_midpoint or rk4, for the mean")
+    max_gap_s: float = quantity(0.5, "s", 0.05, 5.0, "IMU gaps up to this are bridged, longer ones reset the filter")
+    swing_rate_noise: float = quantity(
+        0.1, "rad/s/sqrt(s)", 1e-6, 100.0, "process noise on the swing rates: what the two point masses do not tell"
+    )
+    force_noise: float = quantity(
+        0.1, "N/sqrt(s) per kg of vehicle", 1e-6, 100.0, "random walk of the disturbance force: wind and gusts"
+    )
+    acc_noise: float = quantity(
+        0.05, "m/s^2/sqrt(Hz)", 1e-6, 100.0, "density of accelerometer, vibration and thrust noise together"
+    )
+    swing_std_init_rad: float = quantity(0.1, "rad", 1e-4, 1.5, "initial deviation of both angles")
+    swing_rate_std_init_radps: float = quantity(0.2, "rad/s", 1e-4, 10.0, "initial deviation of both rates")
+    force_std_init_n: float = quantity(0.5, "N per kg of vehicle", 1e-4, 1e3, "initial deviation of the disturbance")
+    nis_gate: float = quantity(50.0, "1", 5.0, 1e4, "measurements whose normalised innovation squared is above are left out")
+    damping_ratio: float = quantity(0.02, "1", 0.0, 0.5, "natural damping of the load's swing, used by the pendulum baseline")
+
+
+@dataclass(frozen=True, slots=True)
+class Autopilot:
+    """What the correction must know of the autopilot's loops."""
+
+    velocity_p: float = quantity(1.8, "1/s", 0.0, 50.0, "MPC_XY_VEL_P_ACC")
+    velocity_i: float = quantity(0.4, "1/s^2", 0.0, 50.0, "MPC_XY_VEL_I_ACC")
+    velocity_d: float = quantity(0.2, "1", 0.0, 10.0, "MPC_XY_VEL_D_ACC")
+    acceleration_delay_s: float = quantity(
+        0.12, "s", 0.0, 1.0, "from an acceleration setpoint to the acceleration, attitude loop included"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """The swing correction."""
+
+    law: str = choice("placed", "law by name: placed (gains computed), or payload (Drones 2023 (16), gains given)")
+    enabled: bool = choice(True, "correction on at start; only acts where the mode streams setpoints")
+    damping_ratio: float = quantity(0.45, "1", 0.05, 1.0, "wanted damping ratio of the swing for the placed law")
+    payload_kp_mps2_per_rad: float = quantity(9.0, "m/s^2/rad", 0.0, 100.0, "kP of the payload law")
+    payload_kd_mps2_per_radps: float = quantity(2.0, "m/s^2/(rad/s)", 0.0, 100.0, "kD of the payload law")
+    velocity_leak_s: float = quantity(4.0, "s", 0.2, 60.0, "time constant of the leak of the velocity correction")
+    washout_s: float = quantity(8.0, "s", 0.5, 120.0, "time constant that removes a steady swing from the correction")
+    delay_s: float = quantity(0.02, "s", 0.0, 0.5, "age of the estimate when its setpoint acts, besides the autopilot's loops")
+    acc_max_mps2: float = quantity(3.0, "m/s^2", 0.0, 20.0, "largest acceleration correction")
+    vel_max_mps: float = quantity(1.5, "m/s", 0.0, 20.0, "largest velocity correction")
+    jerk_max_mps3: float = quantity(30.0, "m/s^3", 0.1, 1000.0, "fastest change of the acceleration correction")
+    fade_in_s: float = quantity(1.0, "s", 0.0, 10.0, "ramp when the correction begins")
+    fade_out_s: float = quantity(0.5, "s", 0.0, 5.0, "ramp when the correction ends")
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """The reference of mode ``hold``."""
+
+    vel_ned_mps: tuple[float, float, float] = quantity((0.0, 0.0, 0.0), "m/s", -30.0, 30.0, "reference velocity")
+    hold_altitude: bool = choice(True, "keep the altitude of OFFBOARD's beginning while the vertical reference is 0")
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """The side of the autopilot."""
+
+    autopilot: str = choice("udpin://0.0.0.0:14540", "link to the autopilot, as a URL like MAVSDK's")
+    system_id: int = quantity(0, "1", 0, 255, "autopilot to serve; 0 takes the first one heard")
+    component_id: int = quantity(191, "1", 1, 255, "MAV_COMP_ID_ONBOARD_COMPUTER")
+    imu_rate_hz: float = quantity(250.0, "Hz", 20.0, 1000.0, "asked of the autopilot, averaged to the filter's rate")
+    report_rate_hz: float = quantity(50.0, "Hz", 0.0, 400.0, "DEBUG_FLOAT_ARRAY SWING; 0 switches it off")
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """The simulated autopilot, vehicle and load: the truth, not the filter's model."""
+
+    mavlink: str = choice("udpout://127.0.0.1:14540", "where the simulated autopilot talks to (PX4: from port 14580)")
+    mavlink_bind_port: int = quantity(14580, "1", 0, 65535, "local port of the simulated autopilot's UDP link")
+    seed: int = quantity(1, "1", 0, 2**31 - 1, "of every random number")
+    speed: float = quantity(1.0, "1", 0.05, 100.0, "simulated over real time")
+    vehicle_inertia_kg_m2: tuple[float, float, float] = quantity(
+        (0.0216, 0.0216, 0.0400), "kg m^2", 1e-5, 1e4, "about the forward, right and down axes"
+    )
+    arm_m: float = quantity(0.25, "m", 0.02, 10.0, "rotor axes from the centre")
+    cable_stiffness_n_per_m: float = quantity(2000.0, "N/m", 10.0, 1e7, "of the cable, tension only")
+    cable_damping_n_s_per_m: float = quantity(13.0, "N s/m", 0.0, 1e5, "of the cable while taut")
+    payload_drag_area_m2: float = quantity(0.0024, "m^2", 0.0, 50.0, "drag coefficient times area of the load")
+    wind_ned_mps: tuple[float, float, float] = quantity((0.0, 0.0, 0.0), "m/s", -30.0, 30.0, "mean wind")
+    gust_std_mps: float = quantity(0.0, "m/s", 0.0, 15.0, "deviation of the gusts on each horizontal axis")
+    gust_time_constant_s: float = quantity(2.0, "s", 0.05, 60.0, "of the gusts")
+    acc_noise_mps2: float = quantity(0.1, "m/s^2", 0.0, 20.0, "white, per 250 Hz sample")
+    gyro_noise_radps: float = quantity(0.01, "rad/s", 0.0, 2.0, "white, per 250 Hz sample")
+    acc_bias_mps2: float = quantity(0.03, "m/s^2", 0.0, 5.0, "Gauss-Markov, 60 s")
+    attitude_noise_rad: float = quantity(0.003, "rad", 0.0, 0.2, "slow error of the autopilot's attitude estimate, 10 s")
+    gnss_vel_noise_mps: float = quantity(0.05, "m/s", 0.0, 5.0, "error of the velocity estimate")
+    gnss_pos_noise_m: float = quantity(0.05, "m", 0.0, 20.0, "error of the position estimate")
+    battery_full_v: float = quantity(16.2, "V", 1.0, 1000.0, "at arming")
+    battery_empty_v: float = quantity(14.0, "V", 1.0, 1000.0, "reached after the drain time; thrust falls with the curve's exponent")
+    battery_drain_s: float = quantity(150.0, "s", 1.0, 1e5, "from full to empty, armed")
+    takeoff_altitude_m: float = quantity(8.0, "m", 0.5, 500.0, "MIS_TAKEOFF_ALT")
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """All parameters of one swingd."""
+
+    mode: Mode = choice(Mode.SHADOW, "shadow: estimate and publish only; hold: stream a reference velocity, corrected")
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    payload: Payload = field(default_factory=Payload)
+    cable: Cable = field(default_factory=Cable)
+    thrust: Thrust = field(default_factory=Thrust)
+    estimator: Estimator = field(default_factory=Estimator)
+    autopilot: Autopilot = field(default_factory=Autopilot)
+    control: Control = field(default_factory=Control)
+    hold: Hold = field(default_factory=Hold)
+    link: Link = field(default_factory=Link)
+    simulation: Simulation = field(default_factory=Simulation)
