@@ -1,0 +1,1 @@
+"""MAVLink: codec and adapter without I/O, and the thin transports under them."""
