@@ -2,9 +2,15 @@
 
 Kernels return status codes and write their results into arguments; they never raise. Fast-math stays off, because the
 health of the filter is judged by ``isfinite``.
+
+numba notices a change of the file that holds a kernel, not of the files whose kernels it calls. The cache folder
+therefore carries a checksum of this whole room: code that was changed is never run from an old cache.
 """
 
+import os
+import zlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
@@ -17,6 +23,20 @@ VEC = numba.float64[::1]
 MAT = numba.float64[:, ::1]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def _cache_folder() -> str:
+    room = Path(__file__).parent
+    checksum = 0
+    for source in sorted(room.glob("*.py")):
+        checksum = zlib.crc32(source.read_bytes(), checksum)
+    base = os.environ.get("NUMBA_CACHE_DIR") or os.path.join(
+        os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache"), "swingd"
+    )
+    return os.path.join(base, f"kernels-{checksum:08x}")
+
+
+numba.config.CACHE_DIR = _cache_folder()
 
 
 def kernel(signature: Type) -> Callable[[_F], _F]:
