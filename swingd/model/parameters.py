@@ -42,9 +42,9 @@ def quantity(default: Any, unit: str, low: float, high: float, text: str) -> Any
     return field(default=default, metadata={"unit": unit, "low": low, "high": high, "text": text})
 
 
-def choice(default: Any, text: str) -> Any:
-    """Declare a switch, a name or an enumeration with its meaning."""
-    return field(default=default, metadata={"text": text})
+def choice(default: Any, text: str, names: tuple[str, ...] = ()) -> Any:
+    """Declare a switch, a name (one of ``names`` where they are given) or an enumeration with its meaning."""
+    return field(default=default, metadata={"text": text, "names": names})
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,11 @@ class Thrust:
 class Estimator:
     """The swing estimator."""
 
-    name: str = choice("swing_ekf", "estimator by name: swing_ekf, or pendulum (open loop, the baseline)")
+    name: str = choice(
+        "swing_ekf",
+        "estimator by name: swing_ekf, or pendulum (open loop, the baseline)",
+        names=("swing_ekf", "pendulum"),
+    )
     rate_hz: float = quantity(100.0, "Hz", 20.0, 400.0, "filter steps per second")
     integrator: Integrator = choice(Integrator.BACKWARD_EULER, "backward_euler, implicit_midpoint or rk4, for the mean")
     max_gap_s: float = quantity(0.5, "s", 0.05, 5.0, "IMU gaps up to this are bridged, longer ones reset the filter")
@@ -142,7 +146,11 @@ class Autopilot:
 class Control:
     """The swing correction."""
 
-    law: str = choice("placed", "law by name: placed (gains computed), or payload (Drones 2023 (16), gains given)")
+    law: str = choice(
+        "placed",
+        "law by name: placed (gains computed), or payload (Drones 2023 (16), gains given)",
+        names=("placed", "payload"),
+    )
     enabled: bool = choice(True, "correction on at start; only acts where the mode streams setpoints")
     damping_ratio: float = quantity(0.45, "1", 0.05, 1.0, "wanted damping ratio of the swing for the placed law")
     payload_kp_mps2_per_rad: float = quantity(9.0, "m/s^2/rad", 0.0, 100.0, "kP of the payload law")
