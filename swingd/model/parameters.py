@@ -196,6 +196,9 @@ class Simulation:
         (0.0216, 0.0216, 0.0400), "kg m^2", 1e-5, 1e4, "about the forward, right and down axes"
     )
     arm_m: float = quantity(0.25, "m", 0.02, 10.0, "rotor axes from the centre")
+    motor_up_s: float = quantity(0.0125, "s", 0.001, 1.0, "true lag of a rotor that speeds up")
+    motor_down_s: float = quantity(0.025, "s", 0.001, 1.0, "true lag of a rotor that slows down")
+    thrust_factor: float = quantity(1.0, "1", 0.2, 5.0, "true thrust over what the curve of ``thrust`` says")
     cable_stiffness_n_per_m: float = quantity(2000.0, "N/m", 10.0, 1e7, "of the cable, tension only")
     cable_damping_n_s_per_m: float = quantity(13.0, "N s/m", 0.0, 1e5, "of the cable while taut")
     payload_drag_area_m2: float = quantity(0.0024, "m^2", 0.0, 50.0, "drag coefficient times area of the load")
