@@ -97,7 +97,7 @@ class Thrust:
     motor_output_min: float = quantity(1000.0, "autopilot's unit", -1e4, 1e4, "motor output that means x = 0")
     motor_output_max: float = quantity(2000.0, "autopilot's unit", -1e4, 1e4, "motor output that means x = 1")
     motor_count: int = quantity(
-        0, "1", 0, 16, "the first outputs drive motors; 0 takes every output that has been between min and max since arming"
+        0, "1", 0, 16, "the first outputs drive motors; 0: all that were between min and max since arming"
     )
     motors_delay_s: float = quantity(0.0, "s", -0.1, 0.2, "from a motor output's stamp to the IMU stamp that shows it")
     throttle_delay_s: float = quantity(0.01, "s", -0.1, 0.2, "from a throttle's stamp to the IMU stamp that shows it")
