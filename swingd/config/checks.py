@@ -1,0 +1,151 @@
+"""What no single key can tell: values that are each allowed but do not go together."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from swingd.control.summary import curve_thrust_n, hover_thrust_n, swing_free
+from swingd.model.parameters import Parameters, ThrustSource
+
+HOVER_THROTTLE_MAX = 0.95
+"""Above, nothing is left to climb, to brake or to correct with."""
+MASS_RATIO_MIN = 0.005
+"""Below, the load's pull is lost in the accelerometer's noise."""
+MASS_RATIO_MAX = 2.0
+"""Above, a mass was most likely written in another unit."""
+STEPS_PER_SWING_MIN = 20.0
+"""Filter steps in one period of the swing; fewer and the discretisation damps what it should estimate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One condition that joins several keys."""
+
+    keys: tuple[str, ...]
+    """Dotted keys it reads; the first one is where a violation is reported."""
+    find: Callable[[Parameters], str | None]
+    """Gives the violation in words, or None."""
+
+
+def _voltages(p: Parameters) -> str | None:
+    low, nominal, high = p.thrust.voltage_min_v, p.thrust.voltage_nominal_v, p.thrust.voltage_max_v
+    if low < nominal < high:
+        return None
+    return (
+        f"the nominal voltage {nominal:g} V must lie between thrust.voltage_min_v ({low:g} V) and "
+        f"thrust.voltage_max_v ({high:g} V), or every reading near it is refused"
+    )
+
+
+def _motor_outputs(p: Parameters) -> str | None:
+    if p.thrust.motor_output_min != p.thrust.motor_output_max:
+        return None
+    return (
+        f"{p.thrust.motor_output_min:g} is thrust.motor_output_max too; "
+        "expected the output at zero and the one at full throttle, 1000 and 2000 for PWM"
+    )
+
+
+def _curve(p: Parameters) -> str | None:
+    a, b, c = p.thrust.quadratic_n, p.thrust.linear_n, p.thrust.offset_n
+    if c < 0.0:
+        return f"the curve gives {c:g} N at zero throttle; expected thrust.offset_n of 0 or more"
+    # A parabola rises on the whole of 0..1 if it rises at both ends.
+    if b < 0.0:
+        return f"the curve falls at zero throttle by {-b:g} N per unit; expected thrust.linear_n of 0 or more"
+    if 2.0 * a + b < 0.0:
+        return (
+            f"the curve falls again above {-b / (2.0 * a):.0%} throttle; "
+            f"expected thrust.quadratic_n of at least -thrust.linear_n / 2 = {0.0 - b / 2.0:g} N"
+        )
+    if a + b <= 0.0:
+        return "the curve does not rise with the throttle; expected thrust.quadratic_n + thrust.linear_n above 0 N"
+    return None
+
+
+def _hover(p: Parameters) -> str | None:
+    # Remark 1 reads no curve, and one that does not rise has been reported as such.
+    if p.thrust.source is ThrustSource.REMARK_1 or _curve(p) is not None:
+        return None
+    needed_n = hover_thrust_n(p)
+    available_n = curve_thrust_n(p.thrust, HOVER_THROTTLE_MAX, p.thrust.voltage_nominal_v)
+    if needed_n < available_n:
+        return None
+    return (
+        f"{p.vehicle.mass_kg:g} kg with a load of {p.payload.mass_kg:g} kg need {needed_n:.1f} N to hover, but the "
+        f"curve gives {available_n:.1f} N at {HOVER_THROTTLE_MAX:.0%} throttle and {p.thrust.voltage_nominal_v:g} V; "
+        "expected a curve of all rotors together in N, and masses in kg"
+    )
+
+
+def _mass_ratio(p: Parameters) -> str | None:
+    ratio = p.payload.mass_kg / p.vehicle.mass_kg
+    load = f"the load of {p.payload.mass_kg:g} kg is {ratio:.3g} of the vehicle's {p.vehicle.mass_kg:g} kg"
+    if ratio < MASS_RATIO_MIN:
+        return f"{load}; expected at least {MASS_RATIO_MIN:g}, or its pull is lost in the accelerometer's noise"
+    if ratio > MASS_RATIO_MAX:
+        return f"{load}; expected at most {MASS_RATIO_MAX:g}: are both in kg?"
+    return None
+
+
+def _cable(p: Parameters) -> str | None:
+    swing = swing_free(p)
+    steps = p.estimator.rate_hz / swing.frequency_hz
+    if steps >= STEPS_PER_SWING_MIN:
+        return None
+    return (
+        f"on {p.cable.length_m:g} m the load swings at {swing.frequency_hz:.2f} Hz, {steps:.1f} filter steps per "
+        f"period at {p.estimator.rate_hz:g} Hz; expected at least {STEPS_PER_SWING_MIN:g}: a longer cable, a lighter load, or "
+        "a higher estimator.rate_hz"
+    )
+
+
+def _imu_rate(p: Parameters) -> str | None:
+    if p.link.imu_rate_hz >= p.estimator.rate_hz:
+        return None
+    return (
+        f"{p.link.imu_rate_hz:g} Hz of IMU cannot feed estimator.rate_hz of {p.estimator.rate_hz:g} Hz; "
+        "expected at least that rate, 200 to 250 Hz on a PX4"
+    )
+
+
+def _report_rate(p: Parameters) -> str | None:
+    if p.link.report_rate_hz <= p.estimator.rate_hz:
+        return None
+    return (
+        f"{p.link.report_rate_hz:g} Hz of reports from a filter of {p.estimator.rate_hz:g} Hz; "
+        "expected at most estimator.rate_hz"
+    )
+
+
+def _battery(p: Parameters) -> str | None:
+    if p.simulation.battery_empty_v <= p.simulation.battery_full_v:
+        return None
+    return (
+        f"{p.simulation.battery_empty_v:g} V is above simulation.battery_full_v of {p.simulation.battery_full_v:g} V; "
+        "expected the lower voltage here"
+    )
+
+
+CHECKS = (
+    Check(("thrust.voltage_nominal_v", "thrust.voltage_min_v", "thrust.voltage_max_v"), _voltages),
+    Check(("thrust.motor_output_min", "thrust.motor_output_max"), _motor_outputs),
+    Check(("thrust.quadratic_n", "thrust.linear_n", "thrust.offset_n"), _curve),
+    Check(
+        (
+            "thrust.quadratic_n",
+            "thrust.linear_n",
+            "thrust.offset_n",
+            "thrust.source",
+            "thrust.voltage_nominal_v",
+            "vehicle.mass_kg",
+            "payload.mass_kg",
+        ),
+        _hover,
+    ),
+    Check(("payload.mass_kg", "vehicle.mass_kg"), _mass_ratio),
+    Check(("cable.length_m", "vehicle.mass_kg", "payload.mass_kg", "estimator.rate_hz"), _cable),
+    Check(("link.imu_rate_hz", "estimator.rate_hz"), _imu_rate),
+    Check(("link.report_rate_hz", "estimator.rate_hz"), _report_rate),
+    Check(("simulation.battery_empty_v", "simulation.battery_full_v"), _battery),
+)
+"""Every check, in the order of their first keys."""
