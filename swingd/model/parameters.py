@@ -117,18 +117,27 @@ class Estimator:
     rate_hz: float = quantity(100.0, "Hz", 20.0, 400.0, "filter steps per second")
     integrator: Integrator = choice(Integrator.BACKWARD_EULER, "backward_euler, implicit_midpoint or rk4, for the mean")
     max_gap_s: float = quantity(0.5, "s", 0.05, 5.0, "IMU gaps up to this are bridged, longer ones reset the filter")
+    max_step_s: float = quantity(
+        0.0025, "s", 0.0005, 0.1, "longer intervals are divided: backward Euler damps the swing by omega^2 step / 2"
+    )
+    stamp_delay_s: float = quantity(
+        0.007, "s", 0.0, 0.1, "age of the state that a stamp of the autopilot shows; the report is carried over it"
+    )
     swing_rate_noise: float = quantity(
-        0.1, "rad/s/sqrt(s)", 1e-6, 100.0, "process noise on the swing rates: what the two point masses do not tell"
+        0.02, "rad/s/sqrt(s)", 1e-6, 100.0, "process noise on the swing rates: what the two point masses do not tell"
     )
     force_noise: float = quantity(
-        0.1, "N/sqrt(s) per kg of vehicle", 1e-6, 100.0, "random walk of the disturbance force: wind and gusts"
+        0.25, "N/sqrt(s) per kg of vehicle", 1e-6, 100.0, "random walk of the disturbance force: wind and gusts"
     )
     acc_noise: float = quantity(
-        0.05, "m/s^2/sqrt(Hz)", 1e-6, 100.0, "density of accelerometer, vibration and thrust noise together"
+        0.07, "m/s^2/sqrt(Hz)", 1e-6, 100.0, "horizontal density of accelerometer, vibration and thrust direction noise"
     )
-    swing_std_init_rad: float = quantity(0.1, "rad", 1e-4, 1.5, "initial deviation of both angles")
-    swing_rate_std_init_radps: float = quantity(0.2, "rad/s", 1e-4, 10.0, "initial deviation of both rates")
-    force_std_init_n: float = quantity(0.5, "N per kg of vehicle", 1e-4, 1e3, "initial deviation of the disturbance")
+    acc_noise_vertical: float = quantity(
+        0.3, "m/s^2/sqrt(Hz)", 1e-6, 100.0, "vertical density: errors of the thrust's size must not look like swing"
+    )
+    swing_std_init_rad: float = quantity(0.3, "rad", 1e-4, 1.5, "initial deviation of both angles")
+    swing_rate_std_init_radps: float = quantity(0.6, "rad/s", 1e-4, 10.0, "initial deviation of both rates")
+    force_std_init: float = quantity(1.5, "N per kg of vehicle", 1e-4, 1e3, "initial deviation of the disturbance")
     nis_gate: float = quantity(50.0, "1", 5.0, 1e4, "measurements whose normalised innovation squared is above are left out")
     damping_ratio: float = quantity(0.02, "1", 0.0, 0.5, "natural damping of the load's swing, used by the pendulum baseline")
 
