@@ -94,8 +94,8 @@ def _cable(p: Parameters) -> str | None:
         return None
     return (
         f"on {p.cable.length_m:g} m the load swings at {swing.frequency_hz:.2f} Hz, {steps:.1f} filter steps per "
-        f"period at {p.estimator.rate_hz:g} Hz; expected at least {STEPS_PER_SWING_MIN:g}: a longer cable, a lighter load, or "
-        "a higher estimator.rate_hz"
+        f"period at {p.estimator.rate_hz:g} Hz; expected at least {STEPS_PER_SWING_MIN:g}: a longer cable, a lighter "
+        "load, or a higher estimator.rate_hz"
     )
 
 
