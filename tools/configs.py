@@ -29,13 +29,13 @@ show every key. Units are SI and radians, and the end of a key's name says which
     swingd check configs/x500.yaml
     swingd check configs/x500.yaml --set payload.mass_kg=0.4 --set 'hold.vel_ned_mps=[1, 0, 0]'
 
-`swingd check` prints the resolved values and what follows from them. Every command that takes `-c FILE` takes `--set
-KEY=VALUE`, repeated as often as needed: dotted key, value in YAML, the last one of a key counts. A file with mistakes is
-refused as a whole, with all of them listed: key, line, value, and what was expected (exit code 78). Values that are each
-allowed but do not go together, such as a thrust curve that cannot carry the load, are refused too.
+`swingd check` prints the resolved values and what follows from them. Every command that takes `-c FILE` takes
+`--set KEY=VALUE`, repeated as often as needed: dotted key, value in YAML, the last one of a key counts. A file with
+mistakes is refused as a whole, with all of them listed: key, line, value, and what was expected (exit code 78). Values
+that are each allowed but do not go together, such as a thrust curve that cannot carry the load, are refused too.
 
-Numbers are plain decimals or powers of ten (`1e-3`), never quoted; `true` and `false` are switches. An editor with a YAML
-language server completes and checks keys with `configs/schema.json`, which `swingd schema` prints as well.
+Numbers are plain decimals or powers of ten (`1e-3`), never quoted; `true` and `false` are switches. An editor with a
+YAML language server completes and checks keys with `configs/schema.json`, which `swingd schema` prints as well.
 
 The tables below come from the declarations in `swingd/model/parameters.py`.
 

@@ -1,0 +1,105 @@
+"""``swingd check``."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swingd.cli import options
+
+if TYPE_CHECKING:
+    from swingd.control.summary import HoverPoint, Oscillation, Summary
+    from swingd.model.parameters import Parameters
+
+EXAMPLES = """\b
+Examples:
+  swingd check configs/x500.yaml
+  swingd check configs/x500.yaml --set payload.mass_kg=0.4 --set 'hold.vel_ned_mps=[1, 0, 0]'
+  swingd check configs/x500.yaml --json
+"""
+
+
+def check(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Configuration in YAML.")],
+    overrides: options.Overrides = None,
+    as_json: options.Json = False,
+) -> None:
+    """Validate a configuration; print the resolved parameters and what follows from them."""
+    # Imported here, so that the other commands and --help start without them.
+    from swingd.config.draft import printable
+    from swingd.config.loader import load_parameters
+    from swingd.control.summary import summarise
+
+    parameters = load_parameters(file, overrides or ())
+    summary = summarise(parameters)
+    if as_json:
+        typer.echo(json.dumps(_as_json(file, parameters, summary), allow_nan=False))
+        return
+    typer.echo(f"{printable(str(file))}: valid; * marks what differs from the default")
+    typer.echo("\n".join([*_parameter_lines(parameters), *_summary_lines(summary)]))
+
+
+def _as_json(file: Path, parameters: "Parameters", summary: "Summary") -> dict[str, Any]:
+    from swingd.config.schema import KEYS, nested, value_of
+
+    return {
+        "file": str(file),
+        "parameters": nested(parameters),
+        "changed": [key.name for key in KEYS.values() if value_of(parameters, key.name) != key.default],
+        "swing": {"fixed_pivot": _oscillation(summary.swing_fixed), "free_vehicle": _oscillation(summary.swing_free)},
+        "hover": {
+            "thrust_n": summary.hover_thrust_n,
+            "nominal": {"voltage_v": summary.hover_nominal.voltage_v, "throttle": summary.hover_nominal.throttle},
+            "sagged": {"voltage_v": summary.hover_sagged.voltage_v, "throttle": summary.hover_sagged.throttle},
+        },
+    }
+
+
+def _oscillation(swing: "Oscillation") -> dict[str, float]:
+    return {
+        "frequency_radps": swing.frequency_radps,
+        "frequency_hz": swing.frequency_hz,
+        "period_s": swing.period_s,
+    }
+
+
+def _parameter_lines(parameters: "Parameters") -> list[str]:
+    from swingd.config.render import yaml_text
+    from swingd.config.schema import GROUPS, KEYS, value_of
+
+    width = max(len(key.path[-1]) for key in KEYS.values()) + 2
+    lines: list[str] = []
+    group = ""
+    for key in KEYS.values():
+        if key.path[0] in GROUPS and key.path[0] != group:
+            group = key.path[0]
+            lines += ["", group]
+        value = value_of(parameters, key.name)
+        changed = value != key.default
+        text = f"{yaml_text(value)} {key.unit}".rstrip()
+        default = f"  (default {yaml_text(key.default)})" if changed else ""
+        lines.append(f"{'*' if changed else ' '} {key.path[-1]:<{width}}{text}{default}")
+    return lines
+
+
+def _summary_lines(summary: "Summary") -> list[str]:
+    return [
+        "",
+        "linear swing",
+        _swing_line("fixed pivot", summary.swing_fixed),
+        _swing_line("free vehicle", summary.swing_free),
+        "",
+        f"hover with the load, {summary.hover_thrust_n:.2f} N",
+        _hover_line(summary.hover_nominal),
+        _hover_line(summary.hover_sagged),
+    ]
+
+
+def _swing_line(name: str, swing: "Oscillation") -> str:
+    return f"  {name:<14}{swing.frequency_radps:.3f} rad/s  {swing.frequency_hz:.3f} Hz  period {swing.period_s:.2f} s"
+
+
+def _hover_line(point: "HoverPoint") -> str:
+    throttle = "not possible" if point.throttle is None else f"{point.throttle:.1%} throttle"
+    return f"  {f'at {point.voltage_v:.2f} V':<14}{throttle}"
