@@ -527,16 +527,21 @@ class AutopilotAdapter:
         if self._state.unix_minus_boot_s is None or expected_s is None:
             self.drops[Drop.NO_CLOCK] += 1
             return None
-        return self._in_order(stream, t_mono_s, unix_s - self._state.unix_minus_boot_s, expected_s)
+        t_boot_s = unix_s - self._state.unix_minus_boot_s
+        if not -LATE_S < t_boot_s - expected_s <= AHEAD_S:
+            # One of the two clocks was set.
+            self._state.unix_first_s = t_mono_s
+            self._state.unix_minus_boot_s = None
+        return self._in_order(stream, t_boot_s, expected_s)
 
     def _stamp_usec32(self, stream: Stream, t_mono_s: float, stamp_us: int) -> float | None:
         expected_s = self._expected_boot_s(t_mono_s)
         if expected_s is None:
             self.drops[Drop.NO_CLOCK] += 1
             return None
-        return self._in_order(stream, t_mono_s, unwrap(stamp_us * 1e-6, expected_s, _USEC32_PERIOD_S), expected_s)
+        return self._in_order(stream, unwrap(stamp_us * 1e-6, expected_s, _USEC32_PERIOD_S), expected_s)
 
-    def _in_order(self, stream: Stream, t_mono_s: float, t_boot_s: float, expected_s: float) -> float | None:
+    def _in_order(self, stream: Stream, t_boot_s: float, expected_s: float) -> float | None:
         """Judge a stamp that says nothing about the boot clock itself."""
         if not -LATE_S < t_boot_s - expected_s <= AHEAD_S:
             self.drops[Drop.LATE if t_boot_s < expected_s else Drop.AHEAD] += 1
