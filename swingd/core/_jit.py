@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core.types import Type
 
 F8 = numba.float64
 I8 = numba.int64
@@ -39,7 +38,7 @@ def _cache_folder() -> str:
 numba.config.CACHE_DIR = _cache_folder()
 
 
-def kernel(signature: Type) -> Callable[[_F], _F]:
+def kernel(signature: Any) -> Callable[[_F], _F]:
     """Compile a kernel for ``signature``, for example ``VOID(VEC, MAT, F8)``."""
     decorator: Callable[[_F], _F] = numba.njit(signature, cache=True, error_model="numpy")
     return decorator

@@ -100,7 +100,9 @@ def dynamics(f_out, F_out, x, u, mass_kg, length_m):
     F_out[2, 5] = c_xi * per_inertia / c_zeta
     F_out[2, 6] = s_xi * per_inertia / c_zeta
     F_out[3, 0] = -across * s_zeta * per_inertia
-    F_out[3, 1] = -(c_zeta * c_zeta - s_zeta * s_zeta) * xi_rate * xi_rate - (along * c_zeta - w_x * s_zeta) * per_inertia
+    F_out[3, 1] = (
+        -(c_zeta * c_zeta - s_zeta * s_zeta) * xi_rate * xi_rate - (along * c_zeta - w_x * s_zeta) * per_inertia
+    )
     F_out[3, 2] = -2.0 * c_zeta * s_zeta * xi_rate
     F_out[3, 4] = -c_zeta * per_inertia
     F_out[3, 5] = -s_xi * s_zeta * per_inertia

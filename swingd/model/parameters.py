@@ -138,8 +138,12 @@ class Estimator:
     swing_std_init_rad: float = quantity(0.3, "rad", 1e-4, 1.5, "initial deviation of both angles")
     swing_rate_std_init_radps: float = quantity(0.6, "rad/s", 1e-4, 10.0, "initial deviation of both rates")
     force_std_init: float = quantity(1.5, "N per kg of vehicle", 1e-4, 1e3, "initial deviation of the disturbance")
-    nis_gate: float = quantity(50.0, "1", 5.0, 1e4, "measurements whose normalised innovation squared is above are left out")
-    damping_ratio: float = quantity(0.02, "1", 0.0, 0.5, "natural damping of the load's swing, used by the pendulum baseline")
+    nis_gate: float = quantity(
+        50.0, "1", 5.0, 1e4, "measurements whose normalised innovation squared is above are left out"
+    )
+    damping_ratio: float = quantity(
+        0.02, "1", 0.0, 0.5, "natural damping of the load's swing, used by the pendulum baseline"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +173,9 @@ class Control:
     payload_kd_mps2_per_radps: float = quantity(2.0, "m/s^2/(rad/s)", 0.0, 100.0, "kD of the payload law")
     velocity_leak_s: float = quantity(4.0, "s", 0.2, 60.0, "time constant of the leak of the velocity correction")
     washout_s: float = quantity(8.0, "s", 0.5, 120.0, "time constant that removes a steady swing from the correction")
-    delay_s: float = quantity(0.02, "s", 0.0, 0.5, "age of the estimate when its setpoint acts, besides the autopilot's loops")
+    delay_s: float = quantity(
+        0.02, "s", 0.0, 0.5, "age of the estimate when its setpoint acts, besides the autopilot's loops"
+    )
     acc_max_mps2: float = quantity(3.0, "m/s^2", 0.0, 20.0, "largest acceleration correction")
     vel_max_mps: float = quantity(1.5, "m/s", 0.0, 20.0, "largest velocity correction")
     jerk_max_mps3: float = quantity(30.0, "m/s^3", 0.1, 1000.0, "fastest change of the acceleration correction")
@@ -182,6 +188,9 @@ class Hold:
     """The reference of mode ``hold``."""
 
     vel_ned_mps: tuple[float, float, float] = quantity((0.0, 0.0, 0.0), "m/s", -30.0, 30.0, "reference velocity")
+    setpoint_timeout_s: float = quantity(
+        1.0, "s", 0.1, 10.0, "a reference set from outside that is not repeated for this long falls back to the above"
+    )
     hold_altitude: bool = choice(True, "keep the altitude of OFFBOARD's beginning while the vertical reference is 0")
 
 
@@ -220,11 +229,15 @@ class Simulation:
     acc_noise_mps2: float = quantity(0.1, "m/s^2", 0.0, 20.0, "white, per 250 Hz sample")
     gyro_noise_radps: float = quantity(0.01, "rad/s", 0.0, 2.0, "white, per 250 Hz sample")
     acc_bias_mps2: float = quantity(0.03, "m/s^2", 0.0, 5.0, "Gauss-Markov, 60 s")
-    attitude_noise_rad: float = quantity(0.003, "rad", 0.0, 0.2, "slow error of the autopilot's attitude estimate, 10 s")
+    attitude_noise_rad: float = quantity(
+        0.003, "rad", 0.0, 0.2, "slow error of the autopilot's attitude estimate, 10 s"
+    )
     gnss_vel_noise_mps: float = quantity(0.05, "m/s", 0.0, 5.0, "error of the velocity estimate")
     gnss_pos_noise_m: float = quantity(0.05, "m", 0.0, 20.0, "error of the position estimate")
     battery_full_v: float = quantity(16.2, "V", 1.0, 1000.0, "at arming")
-    battery_empty_v: float = quantity(14.0, "V", 1.0, 1000.0, "reached after the drain time; thrust falls with the curve's exponent")
+    battery_empty_v: float = quantity(
+        14.0, "V", 1.0, 1000.0, "reached after the drain time; thrust falls with the curve's exponent"
+    )
     battery_drain_s: float = quantity(150.0, "s", 1.0, 1e5, "from full to empty, armed")
     takeoff_altitude_m: float = quantity(8.0, "m", 0.5, 500.0, "MIS_TAKEOFF_ALT")
 

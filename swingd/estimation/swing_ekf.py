@@ -1,0 +1,155 @@
+"""The swing EKF of Drones 2023, 7, 654 as an object with state."""
+
+import math
+
+import numpy as np
+
+from swingd.core import swing_ekf as kernels
+from swingd.core.status import Status
+from swingd.core.swing_ekf import ANGLE_MAX_RAD, NUM_STATES, Scheme, State
+from swingd.model.estimate import FloatArray, ResetReason, SwingEstimate
+from swingd.model.parameters import Integrator, Parameters
+
+ANGLE_STD_MAX_RAD = 1.0
+"""Beyond it the estimate says nothing."""
+GATED_MAX_S = 1.0
+"""Measurements rejected for longer mean that the state is wrong, not the measurements."""
+HALVINGS_MAX = 4
+ANGLE_NOISE_VAR = 1e-8
+"""Process noise density of the angles [rad^2/s]: keeps the covariance regular, far below everything else."""
+
+_SCHEMES = {
+    Integrator.BACKWARD_EULER: Scheme.BACKWARD_EULER,
+    Integrator.IMPLICIT_MIDPOINT: Scheme.IMPLICIT_MIDPOINT,
+    Integrator.RK4: Scheme.RK4,
+}
+
+
+class SwingEkf:
+    """Seven states: xi, zeta, their rates and the disturbance force on the vehicle, equations (8)-(13).
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Vehicle, payload, cable and estimator.
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        estimator = parameters.estimator
+        self._mass_kg = parameters.vehicle.mass_kg
+        self._payload_mass_kg = parameters.payload.mass_kg
+        self._length_m = parameters.cable.length_m
+        self._scheme = _SCHEMES[estimator.integrator]
+        self._max_step_s = estimator.max_step_s
+        self._nis_gate = estimator.nis_gate
+        rate_var = estimator.swing_rate_noise**2
+        force_var = (estimator.force_noise * self._mass_kg) ** 2
+        self._Q = np.array([ANGLE_NOISE_VAR] * 2 + [rate_var] * 2 + [force_var] * 3)
+        self._R = np.array([estimator.acc_noise**2] * 2 + [estimator.acc_noise_vertical**2])
+        self._P_init = np.diag(
+            [estimator.swing_std_init_rad**2] * 2
+            + [estimator.swing_rate_std_init_radps**2] * 2
+            + [(estimator.force_std_init * self._mass_kg) ** 2] * 3
+        )
+        self._x = np.zeros(NUM_STATES)
+        self._P = self._P_init.copy()
+        self._x_next = np.empty(NUM_STATES)
+        self._P_next = np.empty((NUM_STATES, NUM_STATES))
+        self._force = np.array([0.0, 0.0, -(self._mass_kg + self._payload_mass_kg) * kernels.GRAVITY_MPS2])
+        self._nis = np.zeros(1)
+        self._gated_s = 0.0
+        self.resets = dict.fromkeys(ResetReason, 0)
+
+    def step(self, force_n: FloatArray, acc_mps2: FloatArray, dt_s: float) -> Status:
+        """Advance over one interval; see `SwingEstimator.step`."""
+        self._force[:] = force_n
+        status = self._advance(acc_mps2, dt_s, self._nis_gate)
+        if status not in (Status.OK, Status.GATED):
+            self.reset(ResetReason.NUMERICS)
+            return status
+        self._gated_s = self._gated_s + dt_s if status is Status.GATED else 0.0
+        reason = self._fault()
+        if reason is not None:
+            self.reset(reason)
+            return Status.NOT_CONVERGED
+        return status
+
+    def coast(self, force_n: FloatArray, dt_s: float) -> None:
+        """Predict over an interval without a measurement."""
+        self._force[:] = force_n
+        # A gate that every measurement exceeds makes each step a prediction.
+        if self._advance(np.zeros(3), dt_s, -1.0) not in (Status.OK, Status.GATED):
+            self.reset(ResetReason.NUMERICS)
+        elif (reason := self._fault()) is not None:
+            self.reset(reason)
+
+    def estimate(self) -> SwingEstimate:
+        """Return the state after the last step."""
+        rate = np.empty(NUM_STATES)
+        F = np.empty((NUM_STATES, NUM_STATES))
+        kernels.dynamics(rate, F, self._x, self._force, self._mass_kg, self._length_m)
+        h = np.empty(3)
+        H = np.empty((3, NUM_STATES))
+        tension_n = kernels.observation(
+            h, H, self._x, self._force, self._mass_kg, self._payload_mass_kg, self._length_m
+        )
+        return SwingEstimate(self._x.copy(), rate[:4], self._P.copy(), float(self._nis[0]), tension_n)
+
+    def reset(self, reason: ResetReason, force_n: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+        """Begin anew with the load at rest below and a first guess of the disturbance force."""
+        self.resets[reason] += 1
+        self._x[:] = 0.0
+        self._x[State.FORCE_X :] = force_n
+        self._P[:] = self._P_init
+        self._nis[0] = 0.0
+        self._gated_s = 0.0
+
+    def _advance(self, acc_mps2: FloatArray, dt_s: float, nis_gate: float) -> Status:
+        """Divide the interval into steps of at most ``max_step_s``, smaller ones where the implicit equations fail."""
+        pieces = max(1, math.ceil(dt_s / self._max_step_s - 1e-6))
+        halvings = 0
+        done = 0
+        gated = False
+        nis = 0.0
+        while done < pieces:
+            status = Status(
+                kernels.step(
+                    self._x_next,
+                    self._P_next,
+                    self._nis,
+                    self._x,
+                    self._P,
+                    self._force,
+                    acc_mps2,
+                    self._Q,
+                    self._R,
+                    dt_s / pieces,
+                    self._mass_kg,
+                    self._payload_mass_kg,
+                    self._length_m,
+                    nis_gate,
+                    self._scheme,
+                )  # fmt: skip
+            )
+            if status in (Status.OK, Status.GATED):
+                self._x, self._x_next = self._x_next, self._x
+                self._P, self._P_next = self._P_next, self._P
+                gated |= status is Status.GATED
+                nis = nis if done else float(self._nis[0])
+                done += 1
+            elif halvings < HALVINGS_MAX:
+                halvings += 1
+                pieces, done = 2 * pieces, 2 * done
+            else:
+                return status
+        self._nis[0] = nis
+        return Status.GATED if gated else Status.OK
+
+    def _fault(self) -> ResetReason | None:
+        if max(abs(self._x[State.XI]), abs(self._x[State.ZETA])) > ANGLE_MAX_RAD:
+            return ResetReason.ANGLE
+        if max(self._P[State.XI, State.XI], self._P[State.ZETA, State.ZETA]) > ANGLE_STD_MAX_RAD**2:
+            return ResetReason.COVARIANCE
+        if self._gated_s > GATED_MAX_S:
+            return ResetReason.INNOVATION
+        return None

@@ -1,0 +1,39 @@
+"""What an estimator tells, in the level frame that does not turn."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class ResetReason(Enum):
+    """Why an estimator began anew."""
+
+    START = "start"
+    GAP = "gap in the IMU stream"
+    CLOCK = "autopilot restarted or its clock jumped"
+    LIFT = "load lifted"
+    PARAMETERS = "parameters changed"
+    ANGLE = "swing beyond what a hanging load can do"
+    COVARIANCE = "covariance out of bounds"
+    INNOVATION = "measurements rejected for too long"
+    NUMERICS = "step failed"
+
+
+@dataclass(frozen=True, slots=True)
+class SwingEstimate:
+    """State of the swing after a step."""
+
+    x: FloatArray
+    """(7,) xi, zeta [rad], their rates [rad/s], disturbance force on the vehicle [N]; level frame. Not to be changed."""
+    x_rate: FloatArray
+    """(4,) time derivative of xi, zeta and of their rates by the model."""
+    P: FloatArray
+    """(7, 7) covariance of ``x``. Not to be changed."""
+    nis: float
+    """Normalised innovation squared of the last measurement, 3 degrees of freedom; 0 where there is none."""
+    tension_n: float
+    """Cable force by the model [N]; negative where a real cable would be slack."""
