@@ -1,0 +1,26 @@
+"""Fixtures of all tests."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def flight_data() -> Callable[[str], Path]:
+    """Path of a file in the optional folder of independent flight data; skips the test where it is absent.
+
+    The folder is ``$SWINGD_DATA``, or ``shared/data`` beside the project.
+    """
+    folder = Path(os.environ.get("SWINGD_DATA") or PROJECT.parent / "shared" / "data")
+
+    def find(name: str) -> Path:
+        path = folder / name
+        if not path.exists():
+            pytest.skip(f"no flight data: {name} is not in $SWINGD_DATA or the folder shared/data beside the project")
+        return path
+
+    return find
