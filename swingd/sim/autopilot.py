@@ -188,6 +188,7 @@ class Autopilot:
         self._tilt_limit_rad = radians(px4["MPC_TILTMAX_LND"])
         self._target: list[float] = [0.0, 0.0, 0.0]
         self._yaw_hold_rad = 0.0
+        self._takeoff_height_m: float | None = None
         self._wanted = NavState.LOITER
         self._needs_entry = True
         self._sensed = Sensed()
@@ -267,6 +268,11 @@ class Autopilot:
         self._wanted = mode
         self._enter(mode)
         return Answer.ACCEPTED
+
+    def take_off(self, height_m: float | None = None) -> Answer:
+        """Climb to a height above home, MIS_TAKEOFF_ALT if None, and hold there."""
+        self._takeoff_height_m = height_m
+        return self.request_mode(NavState.TAKEOFF)
 
     def reposition(
         self, target_ned_m: tuple[float | None, float | None, float | None], yaw_rad: float | None
@@ -441,7 +447,8 @@ class Autopilot:
         self._target[2] = pos[2] + 0.5 * vel[2] * abs(vel[2]) / px4["MPC_ACC_DOWN_MAX"]
         self._yaw_hold_rad = yaw_of(sensed.ned_from_frd)
         if self.nav_state is NavState.TAKEOFF:
-            self._target[2] = self.home_ned_m[2] - px4["MIS_TAKEOFF_ALT"]
+            height = self._takeoff_height_m
+            self._target[2] = self.home_ned_m[2] - (px4["MIS_TAKEOFF_ALT"] if height is None else height)
         elif self.nav_state is NavState.RTL:
             far = hypot(self.home_ned_m[0] - pos[0], self.home_ned_m[1] - pos[1]) > 10.0
             if far:
@@ -460,7 +467,7 @@ class Autopilot:
         acc_max, jerk = px4["MPC_ACC_HOR"], px4["MPC_JERK_AUTO"]
         if self._takeoff < Takeoff.FLIGHT:
             for i in range(3):
-                axes[i].reset(sensed.pos_ned_m[i], 0.0)
+                axes[i].reset(sensed.pos_ned_m[i], sensed.vel_ned_mps[2] if i == 2 else 0.0)
         away_n, away_e = target[0] - axes[0].pos, target[1] - axes[1].pos
         away = hypot(away_n, away_e)
         speed = min(px4["MPC_XY_CRUISE"], _approach_speed(away, acc_max, jerk), away * px4["MPC_XY_P"] * 2.0)

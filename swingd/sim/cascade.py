@@ -313,7 +313,7 @@ class RateControl:
     """
 
     # Full torque on PX4's default quadrotor (none_iris: 1.5 kg, arms of 0.13 m by 0.21 m, 45 N).
-    _REFERENCE_RADPS2 = (194.0, 194.0, 51.0)
+    _REFERENCE_RADPS2 = (148.0, 148.0, 51.0)
 
     def __init__(self, px4: Px4Parameters, torque_gain_radps2: Vec3, rate_hz: float) -> None:
         self._scale = tuple(r / t for r, t in zip(self._REFERENCE_RADPS2, torque_gain_radps2, strict=True))

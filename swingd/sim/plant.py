@@ -212,8 +212,8 @@ class Plant:
         x[s.LOAD_VEL : s.LOAD_VEL + 3] = vel_ned_mps
         self.state = x.tolist()
 
-    def truth(self) -> Truth:
-        """Describe the present instant."""
+    def truth(self, t_boot_s: float | None = None) -> Truth:
+        """Describe the present instant, stamped with ``t_boot_s`` or else with the plant's own time."""
         s, y, u = PlantState, self.output, self._u.tolist()
         x = self.state
         q = x[s.QUAT : s.QUAT + 4]
@@ -252,7 +252,7 @@ class Plant:
             length_rate = (ahead * ahead_rate + right * right_rate + down * down_rate) / length
             zeta_rate = (ahead_rate - ahead / length * length_rate) / across
         return Truth(
-            t_boot_s=self._t_s,
+            t_boot_s=self._t_s if t_boot_s is None else t_boot_s,
             pos_ned_m=(x[0], x[1], x[2]),
             vel_ned_mps=(x[3], x[4], x[5]),
             acc_ned_mps2=(y[PlantOutput.ACC], y[PlantOutput.ACC + 1], y[PlantOutput.ACC + 2]),
