@@ -13,9 +13,11 @@ def px4_heartbeat(armed: bool = False, main_mode: int = 4) -> Any:
     return mavlink.MAVLink_heartbeat_message(2, 12, base_mode, main_mode << 16, 4, 3)
 
 
-def imu(t_boot_s: float, acc: tuple[float, float, float] = (0.1, 0.2, -9.8), xgyro: float = 0.01, id: int = 0) -> Any:
+def imu(
+    t_boot_s: float, acc: tuple[float, float, float] = (0.1, 0.2, -9.8), xgyro: float = 0.01, number: int = 0
+) -> Any:
     return mavlink.MAVLink_highres_imu_message(
-        round(t_boot_s * 1e6), *acc, xgyro, 0.02, 0.03, 0, 0, 0, 1000, 0, 10, 20, 63, id
+        round(t_boot_s * 1e6), *acc, xgyro, 0.02, 0.03, 0, 0, 0, 1000, 0, 10, 20, 63, number
     )
 
 
@@ -45,9 +47,9 @@ def servos(t_boot_s: float, values: list[int], port: int = 0) -> Any:
     )
 
 
-def battery(millivolts: list[int], id: int = 0, ext: tuple[int, ...] = (0, 0, 0, 0)) -> Any:
+def battery(millivolts: list[int], number: int = 0, ext: tuple[int, ...] = (0, 0, 0, 0)) -> Any:
     voltages = [*millivolts, *([65535] * (10 - len(millivolts)))]
-    return mavlink.MAVLink_battery_status_message(id, 1, 1, 32767, voltages, -1, -1, -1, 50, 0, 1, list(ext))
+    return mavlink.MAVLink_battery_status_message(number, 1, 1, 32767, voltages, -1, -1, -1, 50, 0, 1, list(ext))
 
 
 def sys_status(millivolts: int) -> Any:
