@@ -185,6 +185,7 @@ class Autopilot:
         self._landed_s = 0.0
         self._flew = False
         self._ramp = 0.0
+        self._rates_thrust = 0.0
         self._tilt_limit_rad = radians(px4["MPC_TILTMAX_LND"])
         self._target: list[float] = [0.0, 0.0, 0.0]
         self._yaw_hold_rad = 0.0
@@ -202,9 +203,13 @@ class Autopilot:
         self.attitude_sp: Quaternion = (1.0, 0.0, 0.0, 0.0)
         self.thrust_sp = 0.0
         """Collective thrust of the attitude setpoint, 0..1."""
+        self.attitude_sp_t_s = 0.0
+        """Sample that the attitude setpoint belongs to, on the autopilot's clock [s]."""
         self.rates_sp_frd_radps: Vec3 = _ZERO
         self.rotors: Rotors = (0.0, 0.0, 0.0, 0.0)
         """Outputs to the motors, 0..1."""
+        self.outputs_t_s = 0.0
+        """Sample that the outputs belong to, from which on they act [s]."""
 
     @property
     def t_s(self) -> float:
@@ -293,22 +298,31 @@ class Autopilot:
             self._offboard.setpoint = setpoint
 
     def step(self, sensed: Sensed) -> Rotors:
-        """Run the loops that are due for one IMU sample and return the motors' outputs."""
+        """Run the loops that are due for one IMU sample and return the motors' outputs.
+
+        From the inside out, as PX4's work queues do: each loop follows the setpoint that the loop around it published
+        at an earlier sample, so that a change of the position loop reaches the motors two samples later.
+        """
         self._sensed = sensed
         if self._px4.version != self._px4_version:
             self._reload()
-        self._steps += 1
-        if self._steps % _POSITION_STEPS == 0:
-            self._slow(_POSITION_STEPS * DT_S, sensed)
-        if not self.armed:
-            self.rotors = (0.0, 0.0, 0.0, 0.0)
-            return self.rotors
-        yaw_rate = self.setpoint.yaw_rate_radps or 0.0
-        self.rates_sp_frd_radps = self._attitude.update(sensed.ned_from_frd, self.attitude_sp, yaw_rate)
-        torque = self._rate.update(DT_S, sensed.gyro_frd_radps, self.rates_sp_frd_radps, landed=self._land.maybe_landed)
-        if self._takeoff < Takeoff.RAMPUP:
+        self.outputs_t_s = self.t_s
+        if self.armed:
             torque = _ZERO
-        self.rotors, self._rate.saturated = mix(self.thrust_sp, torque)
+            if self._takeoff >= Takeoff.RAMPUP:
+                torque = self._rate.update(
+                    DT_S, sensed.gyro_frd_radps, self.rates_sp_frd_radps, landed=self._land.maybe_landed
+                )
+            self.rotors, self._rate.saturated = mix(self._rates_thrust, torque)
+            yaw_rate = self.setpoint.yaw_rate_radps or 0.0
+            self.rates_sp_frd_radps = self._attitude.update(sensed.ned_from_frd, self.attitude_sp, yaw_rate)
+            self._rates_thrust = self.thrust_sp
+        else:
+            self.rotors = (0.0, 0.0, 0.0, 0.0)
+        if self._steps % _POSITION_STEPS == 0:
+            self.attitude_sp_t_s = self.t_s
+            self._slow(_POSITION_STEPS * DT_S, sensed)
+        self._steps += 1
         return self.rotors
 
     def _reload(self) -> None:
@@ -321,7 +335,7 @@ class Autopilot:
     def _stop(self) -> None:
         self.armed = False
         self._takeoff = Takeoff.DISARMED
-        self.thrust_sp = 0.0
+        self.thrust_sp = self._rates_thrust = 0.0
         self._position.reset_integral()
         self._rate.reset_integral()
         if self._wanted in (NavState.LAND, NavState.TAKEOFF, NavState.RTL):

@@ -25,7 +25,7 @@ GROUND_STATION_SYSTEM_ID = 255
 GROUND_STATION_COMPONENT_ID = 190
 
 _RECEIVE_DELAY_STEPS = 2  # PX4 reads its link in a thread of its own
-_LOOP_MISS_PROBABILITY = 0.1  # of the sending thread: 250 Hz asked for gives 224 Hz
+_EARLY_PROBABILITY = 0.118  # PX4's sending thread runs before the newest sample is out: 250 Hz asked gives 224 Hz
 _LOOP_DELAY_US = 1500
 _REBOOT_S = 3.0
 _FORCE_MAGIC = 21196.0
@@ -136,6 +136,8 @@ class _Stream:
     build: Callable[[], Any]
     interval_us: int
     last_us: int = -(10**9)
+    data_us: int = -1
+    """Stamp of what was sent last."""
 
 
 class SimulatedAutopilot:
@@ -175,7 +177,7 @@ class SimulatedAutopilot:
         self._sensors = Sensors(simulation)
         self._sensed = self._sensors.step(self.plant.state, self.plant.output)
         self._random = np.random.default_rng((simulation.seed, 3))
-        self._misses: list[bool] = []
+        self._early: list[bool] = []
         self._codec = Codec(SYSTEM_ID, COMPONENT_ID)
         self._ground_station = Codec(GROUND_STATION_SYSTEM_ID, GROUND_STATION_COMPONENT_ID)
         self._inbox: deque[tuple[int, Frame]] = deque()
@@ -186,6 +188,7 @@ class SimulatedAutopilot:
         self._params_to_send: deque[int] = deque()
         self._param_names = sorted(self.px4)
         self._heartbeat_us = -(10**9)
+        self._data_us = 0
         self._streams = self._default_streams()
         self._handlers: dict[int, Callable[[Frame, Any], None]] = {
             mavlink.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command_long,
@@ -243,6 +246,7 @@ class SimulatedAutopilot:
         self._params_to_send.clear()
         self._streams = self._default_streams()
         self._heartbeat_us = -(10**9)
+        self._data_us = 0
         self._codec = Codec(SYSTEM_ID, COMPONENT_ID)
 
     # ------------------------------------------------------------------ time
@@ -253,6 +257,9 @@ class SimulatedAutopilot:
         inbox = self._inbox
         while inbox and inbox[0][0] <= self._steps:
             self._handle(inbox.popleft()[1])
+        early = self._is_early()
+        if early:
+            self._send_due()
         autopilot = self.autopilot
         voltage_v = self.battery.voltage_v
         rotors = autopilot.step(self._sensed)
@@ -260,39 +267,41 @@ class SimulatedAutopilot:
         self.plant.step(rotors, voltage_v, spinning=armed)
         self.battery.step(DT_S, armed=armed)
         self._sensed = self._sensors.step(self.plant.state, self.plant.output)
-        if self._steps >= self._silent_until_step:
+        self._data_us = self._now_us()
+        if not early:
             self._send_due()
 
     def _send_due(self) -> None:
-        """One turn of PX4's sending thread; it looks at its streams at most once per IMU sample, and misses some."""
-        now_us = self._now_us()
+        """One turn of PX4's sending thread; it sends what is due and newer than what it sent before."""
+        if self._steps < self._silent_until_step:
+            return
+        now_us, data_us = self._now_us(), self._data_us
         if now_us - self._heartbeat_us >= 1_000_000:
             self._heartbeat_us = now_us
             self._send(self._heartbeat())
-        if self._missed():
-            return
         for stream in self._streams.values():
             interval_us = stream.interval_us
             if interval_us <= 0:
                 continue
             since_us = now_us - stream.last_us
-            if since_us > interval_us - 3 * _LOOP_DELAY_US // 10:
+            if since_us > interval_us - 3 * _LOOP_DELAY_US // 10 and data_us > stream.data_us:
                 # PX4's rule: keep the average rate as long as the loop keeps up, else start anew from here.
                 stream.last_us = stream.last_us + interval_us if 1.5 * interval_us > since_us else now_us
+                stream.data_us = data_us
                 self._send(stream.build())
         for _ in range(min(2, len(self._params_to_send))):
             self._send_param(self._params_to_send.popleft())
 
-    def _missed(self) -> bool:
-        if not self._misses:
-            self._misses = (self._random.random(1024) < _LOOP_MISS_PROBABILITY).tolist()
-        return self._misses.pop()
+    def _is_early(self) -> bool:
+        if not self._early:
+            self._early = (self._random.random(1024) < _EARLY_PROBABILITY).tolist()
+        return self._early.pop()
 
     def _now_us(self) -> int:
         return (self._steps - self._boot_step) * round(DT_S * 1e6)
 
-    def _now_ms(self) -> int:
-        return self._now_us() // 1000
+    def _data_ms(self) -> int:
+        return self._data_us // 1000
 
     def _send(self, message: Any) -> None:
         self._outbox.append(self._codec.encode(message))
@@ -353,27 +362,31 @@ class SimulatedAutopilot:
         mag = [rotation[0][i] * n + rotation[1][i] * e + rotation[2][i] * d for i in range(3)]
         altitude = _HOME_ALTITUDE_M - sensed.pos_ned_m[2]
         pressure = 1013.25 * (1.0 - 2.25577e-5 * altitude) ** 5.25588 if altitude < 20000.0 else 50.0
-        return mavlink.MAVLink_highres_imu_message(self._now_us(), *acc, *gyro, *mag, pressure, 0.0, altitude, 15.0, 63)
+        return mavlink.MAVLink_highres_imu_message(self._data_us, *acc, *gyro, *mag, pressure, 0.0, altitude, 15.0, 63)
 
     def _attitude(self) -> Any:
         sensed = self._sensed
         roll, pitch, yaw = euler_rad(sensed.ned_from_frd)
-        return mavlink.MAVLink_attitude_message(self._now_ms(), roll, pitch, yaw, *sensed.rates_frd_radps)
+        return mavlink.MAVLink_attitude_message(self._data_ms(), roll, pitch, yaw, *sensed.rates_frd_radps)
 
     def _attitude_quaternion(self) -> Any:
         sensed = self._sensed
         return mavlink.MAVLink_attitude_quaternion_message(
-            self._now_ms(), *sensed.ned_from_frd, *sensed.rates_frd_radps
+            self._data_ms(), *sensed.ned_from_frd, *sensed.rates_frd_radps
         )
 
     def _local_position(self) -> Any:
         sensed = self._sensed
-        return mavlink.MAVLink_local_position_ned_message(self._now_ms(), *sensed.pos_ned_m, *sensed.vel_ned_mps)
+        return mavlink.MAVLink_local_position_ned_message(self._data_ms(), *sensed.pos_ned_m, *sensed.vel_ned_mps)
 
     def _attitude_target(self) -> Any:
         autopilot = self.autopilot
         return mavlink.MAVLink_attitude_target_message(
-            self._now_ms(), 0, autopilot.attitude_sp, *autopilot.rates_sp_frd_radps, autopilot.thrust_sp
+            round(1e3 * autopilot.attitude_sp_t_s),
+            0,
+            autopilot.attitude_sp,
+            *autopilot.rates_sp_frd_radps,
+            autopilot.thrust_sp,
         )
 
     def _pwm(self) -> list[int]:
@@ -383,11 +396,13 @@ class SimulatedAutopilot:
         return [1000 + round(1000.0 * rotor) for rotor in autopilot.rotors]
 
     def _servo_output(self) -> Any:
-        return mavlink.MAVLink_servo_output_raw_message(self._now_us(), 0, *self._pwm(), *([900] * 12))
+        return mavlink.MAVLink_servo_output_raw_message(
+            round(1e6 * self.autopilot.outputs_t_s), 0, *self._pwm(), *([900] * 12)
+        )
 
     def _actuator_output(self) -> Any:
         actuators = [float(pwm) for pwm in self._pwm()] + [900.0] * 12 + [0.0] * 16
-        return mavlink.MAVLink_actuator_output_status_message(self._now_us(), 16, actuators)
+        return mavlink.MAVLink_actuator_output_status_message(round(1e6 * self.autopilot.outputs_t_s), 16, actuators)
 
     def _position_target(self) -> Any:
         setpoint = self.autopilot.setpoint
@@ -399,7 +414,7 @@ class SimulatedAutopilot:
         yaw = setpoint.yaw_rad if setpoint.yaw_rad is not None else nan
         yaw_rate = setpoint.yaw_rate_radps if setpoint.yaw_rate_radps is not None else nan
         return mavlink.MAVLink_position_target_local_ned_message(
-            self._now_ms(), mavlink.MAV_FRAME_LOCAL_NED, 0, *values, yaw, yaw_rate
+            self._data_ms(), mavlink.MAV_FRAME_LOCAL_NED, 0, *values, yaw, yaw_rate
         )
 
     def _vfr_hud(self) -> Any:
@@ -419,7 +434,7 @@ class SimulatedAutopilot:
         pos, vel = sensed.pos_ned_m, sensed.vel_ned_mps
         lat, lon, alt_mm = _geodetic(pos)
         return mavlink.MAVLink_global_position_int_message(
-            self._now_ms(),
+            self._data_ms(),
             lat,
             lon,
             alt_mm,
@@ -436,7 +451,7 @@ class SimulatedAutopilot:
         vel = sensed.vel_ned_mps
         course = degrees(atan2(vel[1], vel[0])) % 360.0
         return mavlink.MAVLink_gps_raw_int_message(
-            self._now_us(),
+            self._data_us,
             mavlink.GPS_FIX_TYPE_3D_FIX,
             lat,
             lon,
@@ -485,13 +500,13 @@ class SimulatedAutopilot:
         )
 
     def _system_time(self) -> Any:
-        return mavlink.MAVLink_system_time_message(0, self._now_ms())
+        return mavlink.MAVLink_system_time_message(0, self._data_ms())
 
     def _home_position(self) -> Any:
         home = self.autopilot.home_ned_m
         lat, lon, alt_mm = _geodetic(home)
         return mavlink.MAVLink_home_position_message(
-            lat, lon, alt_mm, *home, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, self._now_us()
+            lat, lon, alt_mm, *home, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, self._data_us
         )
 
     def _autopilot_version(self) -> Any:
