@@ -35,7 +35,7 @@ def _cache_folder() -> str:
     return os.path.join(base, f"kernels-{checksum:08x}")
 
 
-numba.config.CACHE_DIR = _cache_folder()
+setattr(numba.config, "CACHE_DIR", _cache_folder())  # noqa: B010  (numba declares its settings at run time)
 
 
 def kernel(signature: Any) -> Callable[[_F], _F]:

@@ -1,0 +1,175 @@
+"""The age of every input, and what swingd makes of it."""
+
+from collections import deque
+from dataclasses import dataclass
+
+from swingd.model.actions import Health, Severity, StatusText, StreamRequest
+from swingd.model.events import Stream
+from swingd.model.parameters import Parameters
+from swingd.pipeline.payload_state import PayloadState
+
+RATE_WINDOW_S = 2.0
+REQUEST_EVERY_S = 2.0
+REQUESTS_BEFORE_COMPLAINT = 4
+RATE_SHARE = 0.75
+"""Of the rate asked for: PX4 delivers 224 Hz where 250 are asked, 125 where 200 are."""
+LATE_S = 0.1
+"""IMU and attitude older than this make the correction fade."""
+SETTLE_S = 2.0
+"""Time after a reset before the estimate may be used, and the angles' deviation it must have reached by then."""
+ANGLE_STD_READY_RAD = 0.12
+NIS_MAX = 20.0
+"""Mean normalised innovation squared, 3 degrees of freedom, beyond which the filter and the world disagree."""
+NIS_TIME_CONSTANT_S = 0.5
+
+
+@dataclass(slots=True)
+class _Watched:
+    """A stream that is asked for."""
+
+    rate_hz: float
+    arrivals: deque[float]
+    requests: int = 0
+    asked_s: float = -1e9
+    complained: bool = False
+    refused: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StreamState:
+    """What is known of one input."""
+
+    stream: Stream
+    asked_hz: float
+    got_hz: float
+    age_s: float | None
+    """None before the first arrival."""
+    refused: str | None
+
+
+class StreamWatch:
+    """Measures what arrives, asks for what is missing, and says what does not come and why."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        rates = {
+            Stream.IMU: parameters.link.imu_rate_hz,
+            Stream.ATTITUDE: 100.0,
+            Stream.THROTTLE: 100.0,
+            Stream.MOTORS: 100.0,
+            Stream.BATTERY: 10.0,
+            Stream.LOCAL_POSITION: 50.0,
+            Stream.LANDED_STATE: 2.0,
+        }
+        self._watched = {stream: _Watched(rate, deque(maxlen=1024)) for stream, rate in rates.items()}
+
+    def arrived(self, stream: Stream, t_mono_s: float) -> None:
+        """Note one arrival."""
+        arrivals = self._watched[stream].arrivals
+        if arrivals and t_mono_s < arrivals[-1]:
+            return
+        arrivals.append(t_mono_s)
+        while arrivals[0] < t_mono_s - RATE_WINDOW_S:
+            arrivals.popleft()
+
+    def restarted(self) -> None:
+        """The autopilot restarted: it has forgotten every request."""
+        for watched in self._watched.values():
+            watched.requests = 0
+            watched.asked_s = -1e9
+            watched.complained = False
+            watched.refused = None
+
+    def refused(self, stream: Stream, reason: str) -> None:
+        """Note a denied request."""
+        self._watched[stream].refused = reason
+
+    def age_s(self, stream: Stream, t_mono_s: float) -> float | None:
+        """Time since the last arrival [s]."""
+        arrivals = self._watched[stream].arrivals
+        return t_mono_s - arrivals[-1] if arrivals else None
+
+    def state(self, stream: Stream, t_mono_s: float) -> StreamState:
+        """Return what is known of one stream."""
+        watched = self._watched[stream]
+        recent = sum(1 for arrival in watched.arrivals if arrival > t_mono_s - RATE_WINDOW_S)
+        return StreamState(
+            stream, watched.rate_hz, recent / RATE_WINDOW_S, self.age_s(stream, t_mono_s), watched.refused
+        )
+
+    def tick(self, t_mono_s: float) -> list[StreamRequest | StatusText]:
+        """Ask again for what arrives too slowly, ever less often; complain once for each stream."""
+        actions: list[StreamRequest | StatusText] = []
+        for stream, watched in self._watched.items():
+            wait_s = REQUEST_EVERY_S * min(1 + watched.requests // REQUESTS_BEFORE_COMPLAINT, 8)
+            if t_mono_s - watched.asked_s < wait_s:
+                continue
+            got_hz = self.state(stream, t_mono_s).got_hz
+            if got_hz >= RATE_SHARE * watched.rate_hz:
+                watched.requests = 0
+                watched.complained = False
+                continue
+            if watched.requests >= REQUESTS_BEFORE_COMPLAINT and not watched.complained:
+                watched.complained = True
+                why = f"refused: {watched.refused}" if watched.refused else "link or autopilot gives no more"
+                text = f"{stream.value}: asked {watched.rate_hz:.0f} Hz, got {got_hz:.0f} Hz ({why})"
+                actions.append(StatusText(Severity.WARNING, text))
+            watched.requests += 1
+            watched.asked_s = t_mono_s
+            actions.append(StreamRequest(stream, watched.rate_hz))
+        return actions
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """Health without regard to whether a correction is being given."""
+
+    health: Health
+    """INIT, READY, DEGRADED or FAULT."""
+    reason: str
+
+
+class HealthWatch:
+    """Judges inputs and estimate."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._max_gap_s = parameters.estimator.max_gap_s
+        self._since_reset_s = 0.0
+        self._nis = 0.0
+        self._std_rad = float("inf")
+        self._resets_s: deque[float] = deque(maxlen=3)
+
+    def reset(self, t_mono_s: float, fault: bool) -> None:
+        """Note that the estimator began anew; ``fault`` where it had to."""
+        self._since_reset_s = 0.0
+        self._nis = 0.0
+        self._std_rad = float("inf")
+        if fault:
+            self._resets_s.append(t_mono_s)
+
+    def step(self, dt_s: float, nis: float, std_rad: float) -> None:
+        """Note one filter step with its innovation and the larger of the angles' deviations."""
+        self._since_reset_s += dt_s
+        self._nis += dt_s / (dt_s + NIS_TIME_CONSTANT_S) * (nis - self._nis)
+        self._std_rad = std_rad
+
+    def assess(self, t_mono_s: float, streams: StreamWatch, payload: PayloadState) -> Assessment:
+        """Judge this instant."""
+        imu_s = streams.age_s(Stream.IMU, t_mono_s)
+        attitude_s = streams.age_s(Stream.ATTITUDE, t_mono_s)
+        if imu_s is None or attitude_s is None:
+            missing = "IMU" if imu_s is None else "attitude"
+            return Assessment(Health.INIT, f"waiting for the autopilot's {missing}")
+        if imu_s > self._max_gap_s or attitude_s > self._max_gap_s:
+            which, age = ("IMU", imu_s) if imu_s > self._max_gap_s else ("attitude", attitude_s)
+            return Assessment(Health.FAULT, f"no {which} for {age:.1f} s")
+        if len(self._resets_s) == 3 and t_mono_s - self._resets_s[0] < 10.0:
+            return Assessment(Health.FAULT, "the filter diverged three times in 10 s")
+        if payload is not PayloadState.ATTACHED:
+            return Assessment(Health.INIT, f"load {payload.value}")
+        if self._since_reset_s < SETTLE_S or self._std_rad > ANGLE_STD_READY_RAD:
+            return Assessment(Health.INIT, "the estimate is settling")
+        if imu_s > LATE_S or attitude_s > LATE_S:
+            return Assessment(Health.DEGRADED, "IMU or attitude late")
+        if self._nis > NIS_MAX:
+            return Assessment(Health.DEGRADED, "measurements and model disagree")
+        return Assessment(Health.READY, "")

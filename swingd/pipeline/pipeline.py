@@ -1,0 +1,414 @@
+"""The order of the stages: one event in, the actions it causes out."""
+
+import math
+
+import numpy as np
+
+from swingd.control import make_law
+from swingd.core.level import filter_inputs, level_from_frd, swing_in_heading
+from swingd.core.status import Status
+from swingd.core.swing_ekf import GRAVITY_MPS2
+from swingd.estimation import make_estimator
+from swingd.model.actions import Action, Health, Heartbeat, Setpoint, Severity, StatusText, SwingReport
+from swingd.model.estimate import FloatArray, ResetReason
+from swingd.model.events import (
+    AppSetpoint,
+    Attitude,
+    AutopilotRestart,
+    AutopilotState,
+    Battery,
+    CorrectionSwitch,
+    Event,
+    FlightMode,
+    Imu,
+    Landed,
+    LandedState,
+    LocalPosition,
+    Motors,
+    ParametersChange,
+    SetpointUse,
+    Stream,
+    StreamRefused,
+    Throttle,
+    Tick,
+    Vec3,
+)
+from swingd.model.parameters import Mode, Parameters, ThrustSource
+from swingd.pipeline.correction import Correction
+from swingd.pipeline.envelope import Conditions, Fade, may_correct
+from swingd.pipeline.health import Assessment, HealthWatch, StreamWatch
+from swingd.pipeline.payload_state import PayloadState, PayloadWatch
+from swingd.pipeline.reference import HoldReference
+from swingd.pipeline.sampling import AttitudeTracker, ImuInterval, ImuSampler, Tilt
+from swingd.pipeline.thrust import ScaleCalibration, ThrustModel, ThrustReading
+
+HEARTBEAT_S = 1.0
+VELOCITY_AGE_MAX_S = 1.0
+"""Without a velocity for longer the known drag is left to the disturbance."""
+QUIET_ACC_MPS2 = 0.4
+QUIET_TILT_RAD = math.radians(8.0)
+QUIET_SWING_RAD = math.radians(6.0)
+QUIET_SPEED_MPS = 0.7
+QUIET_TIME_CONSTANT_S = 0.3
+TEXT_EVERY_S = 1.0
+
+
+class Pipeline:
+    """Estimates the swing and corrects the setpoints; synchronous, without clock and without I/O.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Everything that it needs to know.
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._t_mono_s = -math.inf
+        self._heartbeat_s = -math.inf
+        self._armed: bool | None = None
+        self._flight_mode = FlightMode.UNKNOWN
+        self._landed = LandedState.UNKNOWN
+        self._configure(parameters)
+
+    def _configure(self, parameters: Parameters) -> None:
+        """Build every stage anew from the parameters."""
+        self._parameters = parameters
+        self._enabled = parameters.control.enabled
+        self._sampler = ImuSampler(parameters.estimator.rate_hz)
+        self._attitude = AttitudeTracker()
+        self._thrust = ThrustModel(parameters)
+        self._calibration = ScaleCalibration(parameters)
+        self._payload = PayloadWatch(parameters)
+        self._estimator = make_estimator(parameters)
+        self._law = make_law(parameters)
+        self._correction = Correction(parameters.control)
+        self._fade = Fade(parameters.control)
+        self._reference = HoldReference(parameters.hold)
+        self._streams = StreamWatch(parameters)
+        self._health = HealthWatch(parameters)
+        self._assessment = Assessment(Health.INIT, "waiting for the autopilot's IMU")
+        self._told: tuple[Health, str] | None = None
+        self._told_s = -math.inf
+        self._position: LocalPosition | None = None
+        self._streaming = False
+        self._estimate = self._estimator.estimate()
+        self._acc_slow = np.zeros(3)
+        self._vel_level = np.zeros(3)
+        self._hook_frd = np.array(parameters.vehicle.hook_frd_m)
+        self._imu_frd = np.array(parameters.vehicle.imu_frd_m)
+        self._rotation = np.empty((3, 3))
+        self._acc_hook = np.empty(3)
+        self._force = np.empty(3)
+        self._angles = np.empty(6)
+        self._vector = np.empty(4)
+
+    @property
+    def parameters(self) -> Parameters:
+        """What it was built from."""
+        return self._parameters
+
+    @property
+    def health(self) -> Health:
+        """The state that is published."""
+        if self._assessment.health is Health.READY and self._fade.value > 0.0:
+            return Health.ACTIVE
+        return self._assessment.health
+
+    @property
+    def health_reason(self) -> str:
+        """Why the health is not READY; empty where it is."""
+        return self._assessment.reason
+
+    @property
+    def streams(self) -> StreamWatch:
+        """What is known of the inputs."""
+        return self._streams
+
+    @property
+    def resets(self) -> dict[ResetReason, int]:
+        """How often the estimator began anew, by reason."""
+        return self._estimator.resets
+
+    def step(self, event: Event) -> list[Action]:
+        """Take one event; return the actions that it causes, in the order in which they are to be sent."""
+        self._t_mono_s = max(self._t_mono_s, event.t_mono_s)
+        match event:
+            case Imu():
+                self._streams.arrived(Stream.IMU, event.t_mono_s)
+                interval = self._sampler.add(event)
+                return self._filter_step(interval) if interval is not None else []
+            case Attitude():
+                self._streams.arrived(Stream.ATTITUDE, event.t_mono_s)
+                self._attitude.add(event)
+                self._reference.turn(self._attitude.take_yaw_jump())
+            case Throttle():
+                self._streams.arrived(Stream.THROTTLE, event.t_mono_s)
+                self._thrust.add_throttle(event)
+            case Motors():
+                self._streams.arrived(Stream.MOTORS, event.t_mono_s)
+                self._thrust.add_motors(event)
+            case LocalPosition():
+                self._streams.arrived(Stream.LOCAL_POSITION, event.t_mono_s)
+                self._position = event
+                self._reference.add_position(event)
+            case Battery():
+                self._streams.arrived(Stream.BATTERY, event.t_mono_s)
+                self._thrust.add_battery(event)
+            case Tick():
+                return self._tick()
+            case AppSetpoint():
+                return self._set_reference(event)
+            case _:
+                return self._rare(event)
+        return []
+
+    def _rare(self, event: Event) -> list[Action]:
+        """Take an event that changes the state of the vehicle or of swingd itself."""
+        match event:
+            case AutopilotState():
+                if self._armed and not event.armed:
+                    self._ground()
+                if self._flight_mode is FlightMode.OFFBOARD and event.mode is not FlightMode.OFFBOARD:
+                    self._fade.cut()
+                self._armed, self._flight_mode = event.armed, event.mode
+            case Landed():
+                self._streams.arrived(Stream.LANDED_STATE, event.t_mono_s)
+                self._landed = event.state
+                if event.state is LandedState.ON_GROUND and self._payload.state is not PayloadState.ON_GROUND:
+                    self._ground()
+            case AutopilotRestart():
+                self._sampler.reset()
+                self._attitude.reset()
+                self._thrust.reset_clock()
+                self._position = None
+                self._streams.restarted()
+                self._reset(ResetReason.CLOCK)
+                return [StatusText(Severity.WARNING, f"autopilot's clock stepped by {event.step_s:+.1f} s")]
+            case StreamRefused():
+                self._streams.refused(event.stream, event.reason)
+            case CorrectionSwitch():
+                if event.enabled != self._enabled:
+                    self._enabled = event.enabled
+                    return [StatusText(Severity.NOTICE, f"correction {'on' if event.enabled else 'off'}")]
+            case ParametersChange():
+                self._configure(event.parameters)
+                return [StatusText(Severity.NOTICE, "parameters changed, the estimate begins anew")]
+            case _:
+                raise AssertionError(f"no stage takes {type(event).__name__}")
+        return []
+
+    # ---- estimate
+
+    def _filter_step(self, interval: ImuInterval) -> list[Action]:
+        tilt = self._attitude.at(interval)
+        if tilt is None:
+            return []
+        if interval.dt_s > self._parameters.estimator.max_gap_s:
+            self._reset(ResetReason.GAP)
+            return []
+        thrust = self._read_inputs(interval, tilt)
+        acc, force = _vec3(self._acc_hook), _vec3(self._force)
+        known = thrust.source is not ThrustSource.REMARK_1
+        if self._payload.update(interval.dt_s, force, acc, known, self._landed):
+            self._calibration.restart()
+            self._reset(ResetReason.LIFT, self._payload.force_n)
+        attached = self._payload.state is PayloadState.ATTACHED
+        if attached:
+            self._advance(interval)
+            self._calibrate(interval.dt_s, tilt, thrust.curve_n, acc[2])
+        estimate = self._estimate
+        swing_in_heading(
+            self._angles,
+            self._vector,
+            estimate.x,
+            estimate.x_rate,
+            estimate.P,
+            self._parameters.estimator.stamp_delay_s,
+            tilt.level_yaw_rad,
+            tilt.level_yaw_rate_radps,
+        )
+        if attached:
+            self._health.step(interval.dt_s, estimate.nis, float(max(self._angles[4], self._angles[5])))
+        self._assessment = self._health.assess(self._t_mono_s, self._streams, self._payload.state)
+        return self._command(interval, tilt, thrust.thrust_n)
+
+    def _read_inputs(self, interval: ImuInterval, tilt: Tilt) -> ThrustReading:
+        """Fill acceleration and force of this interval, level frame; return the thrust."""
+        vehicle = self._parameters.vehicle
+        level_from_frd(self._rotation, tilt.roll_rad, tilt.pitch_rad, tilt.level_yaw_rad)
+        position = self._position
+        if position is not None and interval.t_boot_s - position.t_boot_s < VELOCITY_AGE_MAX_S:
+            vel_north, vel_east, vel_down = position.vel_ned_mps
+            vel_x, vel_y = _turn((vel_north, vel_east), tilt.level_yaw_rad - tilt.yaw_rad)
+            self._vel_level[:] = vel_x, vel_y, vel_down
+        else:
+            self._vel_level[:] = 0.0
+        filter_inputs(
+            self._acc_hook,
+            self._force,
+            interval.acc_frd,
+            interval.gyro_frd,
+            interval.gyro_rate_frd,
+            self._rotation,
+            self._vel_level,
+            self._hook_frd,
+            self._imu_frd,
+            0.0,
+            vehicle.mass_kg,
+            vehicle.drag_n_per_mps,
+            vehicle.drag_vertical_n_per_mps,
+            GRAVITY_MPS2,
+        )
+        known_force = _vec3(self._force + self._estimate.x[4:7])
+        thrust = self._thrust.read(interval.t_mean_s, self._calibration.scale, _vec3(self._acc_hook), known_force)
+        self._force -= thrust.thrust_n * self._rotation[:, 2]
+        return thrust
+
+    def _advance(self, interval: ImuInterval) -> None:
+        """Carry the estimate over one interval, the part without samples first."""
+        dt_s = interval.dt_s
+        if interval.missing_s > 0.0:
+            self._estimator.coast(self._force, interval.missing_s)
+            dt_s -= interval.missing_s
+        if self._estimator.step(self._force, self._acc_hook, dt_s) not in (Status.OK, Status.GATED):
+            self._health.reset(self._t_mono_s, fault=True)
+        self._estimate = self._estimator.estimate()
+
+    def _reset(self, reason: ResetReason, force_n: Vec3 = (0.0, 0.0, 0.0)) -> None:
+        self._estimator.reset(reason, force_n)
+        self._estimate = self._estimator.estimate()
+        self._health.reset(self._t_mono_s, fault=False)
+        self._fade.cut()
+
+    def _ground(self) -> None:
+        """The vehicle stands or is disarmed: nothing hangs, nothing is corrected."""
+        self._payload.grounded()
+        self._streaming = False
+        self._reset(ResetReason.START)
+
+    def _calibrate(self, dt_s: float, tilt: Tilt, curve_n: float, acc_down_mps2: float) -> None:
+        blend = dt_s / (dt_s + QUIET_TIME_CONSTANT_S)
+        self._acc_slow += blend * (self._acc_hook - self._acc_slow)
+        x = self._estimate.x
+        up_share = math.cos(tilt.roll_rad) * math.cos(tilt.pitch_rad)
+        quiet = (
+            curve_n > 0.0
+            and self._position is not None
+            and math.hypot(*self._position.vel_ned_mps) < QUIET_SPEED_MPS
+            and float(np.linalg.norm(self._acc_slow)) < QUIET_ACC_MPS2
+            and up_share > math.cos(QUIET_TILT_RAD)
+            and math.hypot(x[0], x[1]) < QUIET_SWING_RAD
+        )
+        self._calibration.update(dt_s, curve_n, up_share, acc_down_mps2, quiet)
+
+    # ---- command
+
+    def _command(self, interval: ImuInterval, tilt: Tilt, thrust_n: float) -> list[Action]:
+        """Fade, correct, and say it."""
+        parameters = self._parameters
+        health = self._assessment.health
+        allowed = may_correct(
+            Conditions(
+                parameters.mode, self._enabled, bool(self._armed), self._flight_mode, self._payload.state, health
+            )
+        )
+        if interval.missing_s > 0.0:
+            self._fade.cut()
+        fade = self._fade.update(allowed, interval.dt_s)
+        x, y, x_rate, y_rate = self._vector.tolist()
+        wanted = self._law.acceleration(
+            _turn((x, y), -tilt.level_yaw_rad), _turn((x_rate, y_rate), -tilt.level_yaw_rad)
+        )
+        acc_level, vel_level = self._correction.update(_turn(wanted, tilt.level_yaw_rad), fade, interval.dt_s)
+        ned_from_level_rad = tilt.yaw_rad - tilt.level_yaw_rad
+        acc_north, acc_east = _turn(acc_level, ned_from_level_rad)
+        vel_north, vel_east = _turn(vel_level, ned_from_level_rad)
+
+        actions: list[Action] = []
+        if health is Health.READY and self._armed:
+            self._streaming = True
+        elif health is Health.FAULT or not self._armed:
+            self._streaming = False
+        if self._streaming and parameters.mode is Mode.HOLD:
+            reference = self._reference.at(self._t_mono_s, self._flight_mode, tilt.yaw_rad)
+            vel = reference.vel_ned_mps
+            use = reference.use
+            if fade > 0.0:
+                use |= SetpointUse.ACC_N | SetpointUse.ACC_E
+            actions.append(
+                Setpoint(
+                    t_boot_s=interval.t_boot_s,
+                    use=use,
+                    pos_ned_m=reference.pos_ned_m,
+                    vel_ned_mps=(vel[0] + vel_north, vel[1] + vel_east, vel[2]),
+                    acc_ned_mps2=(acc_north, acc_east, 0.0),
+                    yaw_rad=reference.yaw_rad,
+                    yaw_rate_radps=0.0,
+                )
+            )
+        xi, zeta, xi_rate, zeta_rate, xi_std, zeta_std = self._angles.tolist()
+        force = _vec3(self._estimate.x[4:7])
+        actions.append(
+            SwingReport(
+                t_boot_s=interval.t_boot_s,
+                xi_rad=xi,
+                zeta_rad=zeta,
+                xi_rate_radps=xi_rate,
+                zeta_rate_radps=zeta_rate,
+                force_ned_n=(*_turn((force[0], force[1]), ned_from_level_rad), force[2]),
+                xi_std_rad=xi_std,
+                zeta_std_rad=zeta_std,
+                thrust_n=thrust_n,
+                thrust_scale=self._calibration.scale,
+                nis=self._estimate.nis,
+                correction_acc_ned_mps2=(acc_north, acc_east, 0.0),
+                correction_vel_ned_mps=(vel_north, vel_east, 0.0),
+                health=self.health,
+            )
+        )
+        return actions
+
+    def _set_reference(self, setpoint: AppSetpoint) -> list[Action]:
+        if self._parameters.mode is Mode.HOLD and not self._reference.set(setpoint):
+            return [StatusText(Severity.WARNING, "reference refused: a horizontal velocity alone is expected")]
+        return []
+
+    # ---- time
+
+    def _tick(self) -> list[Action]:
+        now_s = self._t_mono_s
+        self._assessment = self._health.assess(now_s, self._streams, self._payload.state)
+        if self._assessment.health is Health.FAULT:
+            self._streaming = False
+            self._fade.cut()
+        actions: list[Action] = list(self._streams.tick(now_s))
+        if now_s - self._heartbeat_s >= HEARTBEAT_S:
+            self._heartbeat_s = now_s
+            actions.append(Heartbeat(self.health))
+        state = (self.health, self._assessment.reason)
+        if state != self._told and now_s - self._told_s >= TEXT_EVERY_S:
+            self._told, self._told_s = state, now_s
+            severity = _SEVERITIES[self.health]
+            reason = f": {state[1]}" if state[1] else ""
+            actions.append(StatusText(severity, f"swingd {self.health.value}{reason}"))
+        return actions
+
+
+_SEVERITIES = {
+    Health.INIT: Severity.INFO,
+    Health.READY: Severity.INFO,
+    Health.ACTIVE: Severity.INFO,
+    Health.DEGRADED: Severity.WARNING,
+    Health.FAULT: Severity.ERROR,
+}
+
+
+def _vec3(array: FloatArray) -> Vec3:
+    x, y, z = array.tolist()
+    return x, y, z
+
+
+def _turn(vector: tuple[float, float], angle_rad: float) -> tuple[float, float]:
+    """Turn a horizontal vector about the down axis."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]

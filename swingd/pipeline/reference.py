@@ -1,0 +1,78 @@
+"""What the vehicle is asked to do before any correction."""
+
+from dataclasses import dataclass
+
+from swingd.model.events import AppSetpoint, FlightMode, LocalPosition, SetpointUse, Vec3
+from swingd.model.parameters import Hold
+from swingd.pipeline.sampling import wrap_pi
+
+_ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A setpoint in local NED; components outside ``use`` mean nothing."""
+
+    use: SetpointUse
+    pos_ned_m: Vec3
+    vel_ned_mps: Vec3
+    yaw_rad: float
+
+
+class HoldReference:
+    """A reference velocity, with the altitude and the heading of OFFBOARD's beginning."""
+
+    def __init__(self, hold: Hold) -> None:
+        self._hold = hold
+        self._set: AppSetpoint | None = None
+        self._pos: LocalPosition | None = None
+        self._altitude_d_m: float | None = None
+        self._yaw_rad: float | None = None
+        self._offboard = False
+        self.refused = 0
+        """References from outside that are not a plain velocity."""
+
+    def add_position(self, position: LocalPosition) -> None:
+        """Take the vehicle's position."""
+        self._pos = position
+
+    def set(self, setpoint: AppSetpoint) -> bool:
+        """Take a reference from outside; return whether it was taken: it must give at least a horizontal velocity."""
+        horizontal = SetpointUse.VEL_N | SetpointUse.VEL_E
+        if setpoint.use & horizontal != horizontal or setpoint.use & (SetpointUse.POS | SetpointUse.ACC):
+            self.refused += 1
+            return False
+        self._set = setpoint
+        return True
+
+    def turn(self, yaw_jump_rad: float) -> None:
+        """The autopilot's yaw was reset: keep the nose where it is."""
+        if self._yaw_rad is not None:
+            self._yaw_rad = wrap_pi(self._yaw_rad + yaw_jump_rad)
+
+    def at(self, t_mono_s: float, mode: FlightMode, yaw_rad: float) -> Reference:
+        """Return the reference of this instant."""
+        if self._set is not None and t_mono_s - self._set.t_mono_s > self._hold.setpoint_timeout_s:
+            self._set = None
+        offboard = mode is FlightMode.OFFBOARD
+        if not offboard or not self._offboard:
+            # Outside of OFFBOARD the stream follows the vehicle, so that entering it changes nothing.
+            self._altitude_d_m = self._pos.pos_ned_m[2] if self._pos is not None else None
+            self._yaw_rad = yaw_rad
+        self._offboard = offboard
+        vel = self._hold.vel_ned_mps
+        if self._set is not None:
+            given = self._set
+            down = given.vel_ned_mps[2] if given.use & SetpointUse.VEL_D else 0.0
+            vel = (given.vel_ned_mps[0], given.vel_ned_mps[1], down)
+            if given.use & SetpointUse.YAW:
+                self._yaw_rad = given.yaw_rad
+        use = SetpointUse.VEL_N | SetpointUse.VEL_E | SetpointUse.YAW
+        pos = _ZERO
+        if self._hold.hold_altitude and vel[2] == 0.0 and self._altitude_d_m is not None:
+            use |= SetpointUse.POS_D
+            pos = (0.0, 0.0, self._altitude_d_m)
+        else:
+            use |= SetpointUse.VEL_D
+            self._altitude_d_m = self._pos.pos_ned_m[2] if self._pos is not None else None
+        return Reference(use, pos, vel, self._yaw_rad if self._yaw_rad is not None else yaw_rad)
