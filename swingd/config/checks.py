@@ -21,7 +21,7 @@ class Check:
     """One condition that joins several keys."""
 
     keys: tuple[str, ...]
-    """Dotted keys it reads; the first one is where a violation is reported."""
+    """Dotted keys it reads; a violation is reported at the first one that is given."""
     find: Callable[[Parameters], str | None]
     """Gives the violation in words, or None."""
 
@@ -31,8 +31,8 @@ def _voltages(p: Parameters) -> str | None:
     if low < nominal < high:
         return None
     return (
-        f"the nominal voltage {nominal:g} V must lie between thrust.voltage_min_v ({low:g} V) and "
-        f"thrust.voltage_max_v ({high:g} V), or every reading near it is refused"
+        f"thrust.voltage_nominal_v is {nominal:g} V; expected it between thrust.voltage_min_v, {low:g} V, and "
+        f"thrust.voltage_max_v, {high:g} V, or every reading near it is refused"
     )
 
 
@@ -40,8 +40,8 @@ def _motor_outputs(p: Parameters) -> str | None:
     if p.thrust.motor_output_min != p.thrust.motor_output_max:
         return None
     return (
-        f"{p.thrust.motor_output_min:g} is thrust.motor_output_max too; "
-        "expected the output at zero and the one at full throttle, 1000 and 2000 for PWM"
+        f"thrust.motor_output_min and thrust.motor_output_max are both {p.thrust.motor_output_min:g}; "
+        "expected the outputs at zero and at full throttle, 1000 and 2000 for PWM"
     )
 
 
@@ -103,7 +103,7 @@ def _imu_rate(p: Parameters) -> str | None:
     if p.link.imu_rate_hz >= p.estimator.rate_hz:
         return None
     return (
-        f"{p.link.imu_rate_hz:g} Hz of IMU cannot feed estimator.rate_hz of {p.estimator.rate_hz:g} Hz; "
+        f"link.imu_rate_hz of {p.link.imu_rate_hz:g} Hz cannot feed estimator.rate_hz of {p.estimator.rate_hz:g} Hz; "
         "expected at least that rate, 200 to 250 Hz on a PX4"
     )
 
@@ -112,8 +112,8 @@ def _report_rate(p: Parameters) -> str | None:
     if p.link.report_rate_hz <= p.estimator.rate_hz:
         return None
     return (
-        f"{p.link.report_rate_hz:g} Hz of reports from a filter of {p.estimator.rate_hz:g} Hz; "
-        "expected at most estimator.rate_hz"
+        f"link.report_rate_hz is {p.link.report_rate_hz:g} Hz; expected at most estimator.rate_hz, "
+        f"{p.estimator.rate_hz:g} Hz"
     )
 
 
@@ -121,8 +121,8 @@ def _battery(p: Parameters) -> str | None:
     if p.simulation.battery_empty_v <= p.simulation.battery_full_v:
         return None
     return (
-        f"{p.simulation.battery_empty_v:g} V is above simulation.battery_full_v of {p.simulation.battery_full_v:g} V; "
-        "expected the lower voltage here"
+        f"simulation.battery_empty_v is {p.simulation.battery_empty_v:g} V; expected at most "
+        f"simulation.battery_full_v, {p.simulation.battery_full_v:g} V"
     )
 
 

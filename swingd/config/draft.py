@@ -23,11 +23,14 @@ class Draft:
     places: dict[str, Place] = field(default_factory=dict)
     """By dotted key."""
     problems: list[tuple[Place, str]] = field(default_factory=list)
+    refused: set[str] = field(default_factory=set)
+    """Dotted keys and groups that have a problem."""
 
     def refuse(self, name: str, text: str, place: Place | None = None) -> None:
         """Note what is wrong with the dotted key ``name``, given at ``place`` or where it is known to stand."""
         where = self.places.get(name, "") if place is None else place
         suffix = f" (line {where})" if isinstance(where, int) else f" ({where})" if where else ""
+        self.refused.add(name)
         self.problems.append((where, f"{printable(name)}{suffix}: {text}"))
 
     def raise_problems(self, title: str) -> None:

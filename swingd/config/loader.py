@@ -13,7 +13,7 @@ from swingd.config.checks import CHECKS
 from swingd.config.draft import Draft, shown
 from swingd.config.reader import read_file, read_value, yaml_problem
 from swingd.config.render import dump_parameters
-from swingd.config.schema import GROUPS, KEYS, build, model_of, nested
+from swingd.config.schema import GROUPS, KEYS, Key, build, model_of, nested
 from swingd.model.errors import ConfigurationError
 from swingd.model.parameters import Parameters
 
@@ -44,12 +44,12 @@ def load_parameters(path: Path | str | None = None, overrides: Sequence[str] = (
     draft = Draft() if path is None else read_file(Path(path))
     for override in overrides:
         _apply(draft, override)
-    parameters, refused = _resolve(draft)
+    parameters = _resolve(draft)
+    # A key that was refused stands at its default, which is not the user's to answer for.
+    refused = {name for name in KEYS if draft.refused & {name, KEYS[name].path[0]}}
     for check in CHECKS:
-        # A key that was refused stands at its default, which is not the user's to answer for.
         if refused.isdisjoint(check.keys) and (text := check.find(parameters)):
-            place = next((draft.places[key] for key in check.keys if key in draft.places), None)
-            draft.refuse(check.keys[0], text, place)
+            draft.refuse(next((key for key in check.keys if key in draft.places), check.keys[0]), text)
     draft.raise_problems("configuration" if path is None else str(path))
     return parameters
 
@@ -76,7 +76,7 @@ def parameters_from_json(text: str) -> Parameters:
     if not isinstance(values, dict):
         raise ConfigurationError(f"parameters: {shown(values)} given; expected a JSON object of groups of keys")
     draft = Draft(values)
-    parameters, _ = _resolve(draft)
+    parameters = _resolve(draft)
     draft.raise_problems("parameters")
     return parameters
 
@@ -105,63 +105,62 @@ def _apply(draft: Draft, override: str) -> None:
     draft.places[name] = "--set"
 
 
-def _resolve(draft: Draft) -> tuple[Parameters, set[str]]:
-    """Validate the draft and note its problems; gives the refused keys too, which are taken at their defaults."""
+def _resolve(draft: Draft) -> Parameters:
+    """Validate the draft and note its problems; what is refused takes its default."""
+    values = _known(draft, draft.values, ())
     model = model_of(Parameters)
-    values = draft.values
-    refused: set[str] = set()
     try:
-        return build(model.model_validate(values)), refused
+        return build(model.model_validate(values))
     except ValidationError as error:
         for item in error.errors(include_url=False, include_context=False):
-            path = _refuse(draft, tuple(map(str, item["loc"])), item["type"], item["input"])
-            values = _without(values, path)
-            refused |= {name for name, key in KEYS.items() if key.path[: len(path)] == path}
-    return build(model.model_validate(values)), refused
-
-
-def _refuse(draft: Draft, loc: tuple[str, ...], kind: str, value: object) -> tuple[str, ...]:
-    """Put one of pydantic's errors in words; gives the path of what it refuses."""
-    for length in range(1, len(loc) + 1):
-        name = ".".join(loc[:length])
-        if name in KEYS:
+            key = next(key for key in KEYS.values() if key.path == item["loc"][: len(key.path)])
             # A missing component is reported with the whole vector as its input.
-            component = loc[length:] if kind != "missing" else ()
-            what = shown(value) + "".join(f" as component {int(index) + 1}" for index in component)
-            draft.refuse(name, f"{what} given; expected {KEYS[name].expected}")
-            return loc[:length]
-    name = ".".join(loc)
-    given = f"{shown(value)} given, but it " if name in GROUPS else ""
-    draft.refuse(name, given + _not_a_key(name))
-    return loc
+            component = item["loc"][len(key.path) :] if item["type"] != "missing" else ()
+            what = shown(item["input"]) + "".join(f" as component {int(index) + 1}" for index in component)
+            draft.refuse(key.name, f"{what} given; expected {key.expected}")
+            _group(values, key).pop(key.path[-1], None)
+    return build(model.model_validate(values))
 
 
-def _without(values: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
-    """Copy nested values without the one at ``path``."""
-    head, *rest = path
-    if not rest:
-        return {key: value for key, value in values.items() if key != head}
-    return {**values, head: _without(values[head], tuple(rest))}
+def _known(draft: Draft, values: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
+    """Copy the groups and keys of the schema out of nested values, and note all others."""
+    known: dict[str, Any] = {}
+    for part, value in values.items():
+        name = ".".join((*path, part))
+        if name in GROUPS and isinstance(value, dict):
+            known[part] = _known(draft, value, (*path, part))
+        elif name in KEYS and KEYS[name].path == (*path, part):
+            known[part] = value
+        else:
+            draft.refuse(
+                name, f"{shown(value)} given, but it {_not_a_key(name)}" if name in GROUPS else _not_a_key(name)
+            )
+    return known
 
 
-_IS_GROUP = "is a group of keys; expected one of them, such as {}"
-
-
-def _first_of(group: str) -> str:
-    return next(name for name in KEYS if name.startswith(f"{group}."))
+def _group(values: dict[str, Any], key: Key) -> dict[str, Any]:
+    """Give the mapping of nested values that holds ``key``."""
+    for part in key.path[:-1]:
+        values = values[part]
+    return values
 
 
 def _not_a_key(name: str) -> str:
-    """Say that a dotted name is a group, or what an unknown one may have meant."""
+    """Say what a dotted name that is no key in its place may have meant."""
+    group, _, last = name.rpartition(".")
+    siblings = [key.path[-1] for key in KEYS.values() if key.path[:-1] == ((group or name),)]
     if name in GROUPS:
-        return _IS_GROUP.format(_first_of(name))
-    by_last = {key.rsplit(".", 1)[-1]: key for key in reversed(KEYS)}
-    last = name.rsplit(".", 1)[-1]
+        return f"is a group of keys; expected one of them, such as {name}.{siblings[0]}"
+    if name in KEYS:
+        return f"no such key at this level; expected {last} inside {group}"
+    by_last = {key.path[-1]: key.name for key in reversed(KEYS.values())}
     candidates = (
-        [key for key in KEYS if key.endswith(f".{last}")]
-        or difflib.get_close_matches(name, KEYS if "." in name else [*GROUPS, *KEYS], n=2, cutoff=0.7)
+        [key.name for key in KEYS.values() if key.path[-1] == last]
+        or difflib.get_close_matches(name, KEYS if group else [*GROUPS, *KEYS], n=2, cutoff=0.7)
         or [by_last[match] for match in difflib.get_close_matches(last, by_last, n=2, cutoff=0.7)]
     )
     if candidates:
         return f"no such key; did you mean {' or '.join(candidates[:3])}?"
+    if group in GROUPS:
+        return f"no such key; expected one of {', '.join(siblings)}"
     return f"no such key; expected mode or a key of {', '.join(GROUPS)}"

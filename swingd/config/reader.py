@@ -57,12 +57,13 @@ def read_file(path: Path) -> Draft:
     Returns
     -------
     Draft
-        What the file says, with the line of each key; keys given twice are among its problems.
+        What the file says, with the line of each key; its problems so far are keys given twice and a file that is not a
+        mapping.
 
     Raises
     ------
     ConfigurationError
-        If the file cannot be read, is larger than `SIZE_MAX`, is not UTF-8, not YAML, or not a mapping.
+        If the file cannot be read, is larger than `SIZE_MAX`, not UTF-8, or not YAML.
     """
     try:
         with path.open("rb") as file:
@@ -116,10 +117,8 @@ def _read_document(text: str) -> Draft:
         value = loader.construct_object(root, deep=True)
         # A file of nothing but ``null`` says as little as an empty one.
         if value is not None:
-            raise yaml.MarkedYAMLError(
-                problem=f"{shown(value)} given; expected groups of keys, such as payload: {{mass_kg: 0.3}}",
-                problem_mark=root.start_mark,
-            )
+            expected = "expected groups of keys, such as payload: {mass_kg: 0.3}"
+            draft.refuse("the file", f"{shown(value)} given; {expected}", root.start_mark.line + 1)
     return draft
 
 
@@ -143,5 +142,6 @@ def _read_group(draft: Draft, loader: _Loader, node: yaml.MappingNode, path: tup
             value = loader.construct_object(value_node, deep=True)
             group[key] = {} if value is None else value
         else:
-            group[key] = loader.construct_object(value_node, deep=True) if name in KEYS else None
+            known = name in KEYS and KEYS[name].path == (*path, key)
+            group[key] = loader.construct_object(value_node, deep=True) if known else None
     return group

@@ -20,7 +20,7 @@ def dump_parameters(parameters: Parameters, head: str = "", notes: Mapping[str, 
     parameters : swingd.model.parameters.Parameters
         Every key is written, with a line above that gives its meaning, unit and range.
     head : str
-        Comment at the top, without the number signs.
+        Comment at the top, printable, without the number signs.
     notes : mapping of str to str, optional
         By dotted key: a comment behind the value, such as where it was measured.
 

@@ -130,13 +130,13 @@ class Estimator:
         0.25, "N/sqrt(s) per kg of vehicle", 1e-6, 100.0, "random walk of the disturbance force: wind and gusts"
     )
     acc_noise: float = quantity(
-        0.07, "m/s^2/sqrt(Hz)", 1e-6, 100.0, "horizontal density of accelerometer, vibration and thrust direction noise"
+        0.06, "m/s^2/sqrt(Hz)", 1e-6, 100.0, "horizontal density of accelerometer, vibration and thrust direction noise"
     )
     acc_noise_vertical: float = quantity(
-        0.3, "m/s^2/sqrt(Hz)", 1e-6, 100.0, "vertical density: errors of the thrust's size must not look like swing"
+        0.2, "m/s^2/sqrt(Hz)", 1e-6, 100.0, "vertical density: errors of the thrust's size must not look like swing"
     )
-    swing_std_init_rad: float = quantity(0.3, "rad", 1e-4, 1.5, "initial deviation of both angles")
-    swing_rate_std_init_radps: float = quantity(0.6, "rad/s", 1e-4, 10.0, "initial deviation of both rates")
+    swing_std_init_rad: float = quantity(0.4, "rad", 1e-4, 1.5, "initial deviation of both angles")
+    swing_rate_std_init_radps: float = quantity(1.0, "rad/s", 1e-4, 10.0, "initial deviation of both rates")
     force_std_init: float = quantity(1.5, "N per kg of vehicle", 1e-4, 1e3, "initial deviation of the disturbance")
     nis_gate: float = quantity(
         50.0, "1", 5.0, 1e4, "measurements whose normalised innovation squared is above are left out"
