@@ -479,9 +479,14 @@ class Autopilot:
             return TrajectorySetpoint(vel_ned_mps=(None, None, px4["MPC_LAND_SPEED"]), acc_ned_mps2=(0.0, 0.0, None))
         axes, target = self._axes, self._target
         acc_max, jerk = px4["MPC_ACC_HOR"], px4["MPC_JERK_AUTO"]
+        away_d = target[2] - axes[2].pos
+        limit = px4["MPC_Z_V_AUTO_DN"] if away_d > 0.0 else px4["MPC_Z_V_AUTO_UP"]
+        if self.nav_state is NavState.TAKEOFF:
+            limit = min(limit, px4["MPC_TKO_SPEED"])
         if self._takeoff < Takeoff.FLIGHT:
+            # The ramp ends at this speed, and the motion goes on from it.
             for i in range(3):
-                axes[i].reset(sensed.pos_ned_m[i], sensed.vel_ned_mps[2] if i == 2 else 0.0)
+                axes[i].reset(sensed.pos_ned_m[i], copysign(limit, away_d) if i == 2 else 0.0)
         away_n, away_e = target[0] - axes[0].pos, target[1] - axes[1].pos
         away = hypot(away_n, away_e)
         speed = min(px4["MPC_XY_CRUISE"], _approach_speed(away, acc_max, jerk), away * px4["MPC_XY_P"] * 2.0)
@@ -499,10 +504,6 @@ class Autopilot:
                 (axes[0].acc, axes[1].acc, axes[2].acc),
                 self._yaw_hold_rad,
             )
-        away_d = target[2] - axes[2].pos
-        limit = px4["MPC_Z_V_AUTO_DN"] if away_d > 0.0 else px4["MPC_Z_V_AUTO_UP"]
-        if self.nav_state is NavState.TAKEOFF:
-            limit = min(limit, px4["MPC_TKO_SPEED"])
         acc_max = px4["MPC_ACC_DOWN_MAX"] if away_d > 0.0 else px4["MPC_ACC_UP_MAX"]
         speed = min(limit, _approach_speed(abs(away_d), acc_max, jerk), abs(away_d) * 2.0)
         axes[2].step(dt_s, copysign(speed, away_d), acc_max, jerk)
