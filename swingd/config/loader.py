@@ -153,7 +153,7 @@ def _not_a_key(name: str) -> str:
         return f"is a group of keys; expected one of them, such as {name}.{siblings[0]}"
     if name in KEYS:
         return f"no such key at this level; expected {last} inside {group}"
-    by_last = {key.path[-1]: key.name for key in reversed(KEYS.values())}
+    by_last = {key.path[-1]: key.name for key in reversed(list(KEYS.values()))}
     candidates = (
         [key.name for key in KEYS.values() if key.path[-1] == last]
         or difflib.get_close_matches(name, KEYS if group else [*GROUPS, *KEYS], n=2, cutoff=0.7)

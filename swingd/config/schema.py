@@ -131,8 +131,8 @@ def nested(parameters: Parameters) -> dict[str, Any]:
 def _annotation(key: Key) -> Any:
     """Give pydantic's type of a key.
 
-    Strict throughout, so that a text is no number and a switch no 1; enumerations and vectors alone are lax, because
-    YAML has neither.
+    Strict throughout, so that a text is no number and a switch no 1; vectors alone are lax, because YAML has lists only.
+    An enumeration is a literal here, because Enum formats the whole of whatever it refuses.
     """
     text = f"{key.text} [{key.unit}]" if key.unit else key.text
     if key.low is not None:
@@ -145,14 +145,12 @@ def _annotation(key: Key) -> Any:
         return Annotated[vector, Field(description=text, strict=False)]
     if key.type is bool:
         return Annotated[bool, Field(description=text)]
-    if key.names:
-        names: Any = Literal.__getitem__(key.names)
+    if key.choices:
+        names: Any = Literal.__getitem__(key.choices)
         return Annotated[names, Field(description=text)]
-    if key.type is str:
-        return Annotated[
-            str, Field(description=text, min_length=1, max_length=TEXT_MAX, pattern=r"^[^\x00-\x1f\x7f-\x9f]+$")
-        ]
-    return Annotated[key.type, Field(description=text, strict=False)]
+    return Annotated[
+        str, Field(description=text, min_length=1, max_length=TEXT_MAX, pattern=r"^[^\x00-\x1f\x7f-\x9f]+$")
+    ]
 
 
 @functools.cache

@@ -1,0 +1,189 @@
+"""The schema is the declarations: every key, bound and choice of the dataclasses, nothing else."""
+
+import dataclasses
+import math
+from typing import Any, get_type_hints
+
+import pytest
+from hypothesis import given
+from parameter_strategies import parameter_sets
+from pydantic import ValidationError
+
+from swingd.config.schema import GROUPS, KEYS, TEXT_MAX, Key, build, json_schema, model_of, nested, plain, value_of
+from swingd.model.parameters import Mode, Parameters, Thrust, ThrustSource
+
+MODEL = model_of(Parameters)
+NUMBERS = [key for key in KEYS.values() if key.low is not None]
+SCALARS = [key for key in NUMBERS if key.size == 1]
+VECTORS = [key for key in NUMBERS if key.size > 1]
+IDS = {"ids": lambda key: key.name}
+
+
+def tree(key: Key, value: Any) -> dict[str, Any]:
+    """Nest one value under its key."""
+    for part in reversed(key.path):
+        value = {part: value}
+    return value
+
+
+def accepts(key: Key, value: Any) -> bool:
+    try:
+        MODEL.model_validate(tree(key, value))
+    except ValidationError:
+        return False
+    return True
+
+
+def test_the_schema_has_every_field_of_the_dataclasses_in_order() -> None:
+    expected = []
+    for field in dataclasses.fields(Parameters):
+        kind = get_type_hints(Parameters)[field.name]
+        if dataclasses.is_dataclass(kind):
+            expected += [f"{field.name}.{inner.name}" for inner in dataclasses.fields(kind)]
+        else:
+            expected.append(field.name)
+    assert list(KEYS) == expected
+    assert set(GROUPS) == {name.split(".")[0] for name in expected if "." in name}
+
+
+def test_without_values_the_schema_gives_the_defaults() -> None:
+    assert build(MODEL()) == Parameters()
+
+
+@pytest.mark.parametrize("key", NUMBERS, **IDS)
+def test_every_number_declares_finite_bounds_that_hold_its_default(key: Key) -> None:
+    assert key.low is not None
+    assert key.high is not None
+    assert math.isfinite(key.low)
+    assert math.isfinite(key.high)
+    components = key.default if key.size > 1 else (key.default,)
+    assert all(key.low <= component <= key.high for component in components)
+
+
+@pytest.mark.parametrize("key", KEYS.values(), **IDS)
+def test_every_key_and_group_has_a_meaning_on_one_line(key: Key) -> None:
+    assert key.text.strip()
+    assert "\n" not in key.text
+    if key.path[0] in GROUPS:
+        assert GROUPS[key.path[0]].endswith(".")
+        assert "\n" not in GROUPS[key.path[0]]
+
+
+@pytest.mark.parametrize("key", SCALARS, **IDS)
+def test_bounds_are_inclusive_and_enforced(key: Key) -> None:
+    low, high = key.type(key.low), key.type(key.high)
+    beyond = (
+        (low - 1, high + 1) if key.type is int else (math.nextafter(low, -math.inf), math.nextafter(high, math.inf))
+    )
+    assert accepts(key, low)
+    assert accepts(key, high)
+    assert not accepts(key, beyond[0])
+    assert not accepts(key, beyond[1])
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, True, False, None, "1", "", [], {}, 10**400])
+@pytest.mark.parametrize("key", SCALARS, **IDS)
+def test_a_number_takes_no_other_type_and_nothing_infinite(key: Key, bad: Any) -> None:
+    assert not accepts(key, bad)
+
+
+@pytest.mark.parametrize("key", [key for key in SCALARS if key.type is float], **IDS)
+def test_a_whole_number_is_a_number(key: Key) -> None:
+    assert key.low is not None
+    assert key.high is not None
+    whole = math.floor(key.high)
+    if whole < key.low:
+        pytest.skip("no whole number within the bounds")
+    value = value_of(build(MODEL.model_validate(tree(key, whole))), key.name)
+    assert type(value) is float
+    assert value == whole
+
+
+@pytest.mark.parametrize("key", [key for key in SCALARS if key.type is int], **IDS)
+def test_a_fraction_is_not_a_whole_number(key: Key) -> None:
+    assert not accepts(key, float(key.default))
+
+
+@pytest.mark.parametrize("key", VECTORS, **IDS)
+def test_a_vector_has_its_length_and_bounds_in_each_component(key: Key) -> None:
+    assert key.low is not None
+    good = [key.low] * key.size
+    assert value_of(build(MODEL.model_validate(tree(key, good))), key.name) == tuple(map(float, good))
+    for bad in ([], good[:-1], [*good, key.low], "abc", key.low, None, {0: 1, 1: 1, 2: 1}):
+        assert not accepts(key, bad)
+    for index in range(key.size):
+        for component in (key.low - 1.0, math.nan, True, "0", None, [0.0]):
+            assert not accepts(key, [*good[:index], component, *good[index + 1 :]])
+
+
+@pytest.mark.parametrize("key", [key for key in KEYS.values() if key.choices], **IDS)
+def test_a_choice_takes_its_names_only(key: Key) -> None:
+    for choice in key.choices:
+        assert plain(value_of(build(MODEL.model_validate(tree(key, choice))), key.name)) == choice
+    for bad in (key.choices[0].upper(), "", None, 0, True, [key.choices[0]]):
+        assert not accepts(key, bad)
+
+
+@pytest.mark.parametrize("key", [key for key in KEYS.values() if key.type is bool], **IDS)
+def test_a_switch_takes_true_and_false_only(key: Key) -> None:
+    assert accepts(key, True)
+    assert accepts(key, False)
+    for bad in (0, 1, 1.0, "true", "", None):
+        assert not accepts(key, bad)
+
+
+@pytest.mark.parametrize("key", [key for key in KEYS.values() if key.type is str and not key.choices], **IDS)
+def test_a_text_is_printable_and_of_bounded_length(key: Key) -> None:
+    assert accepts(key, "x" * TEXT_MAX)
+    for bad in ("", "x" * (TEXT_MAX + 1), "a\nb", "a\0", "\x7f", 1, True, None, "\ud800"):
+        assert not accepts(key, bad)
+
+
+def test_unknown_keys_are_refused_at_both_levels() -> None:
+    for bad in ({"unknown": 1}, {"payload": {"unknown": 1}}):
+        with pytest.raises(ValidationError, match="Extra inputs"):
+            MODEL.model_validate(bad)
+
+
+@given(parameter_sets())
+def test_nested_values_validate_to_the_same_parameters(parameters: Parameters) -> None:
+    assert build(MODEL.model_validate(nested(parameters))) == parameters
+
+
+def test_nested_gives_plain_values() -> None:
+    changed = dataclasses.replace(Parameters(), mode=Mode.HOLD, thrust=Thrust(source=ThrustSource.REMARK_1))
+    assert nested(changed)["mode"] == "hold"
+    assert nested(changed)["thrust"]["source"] == "remark_1"
+    assert nested(changed)["hold"]["vel_ned_mps"] == [0.0, 0.0, 0.0]
+
+
+def test_what_is_expected_is_said_with_the_unit() -> None:
+    assert KEYS["payload.mass_kg"].expected == "a number from 0.005 to 2000 kg"
+    assert KEYS["estimator.nis_gate"].expected == "a number from 5 to 10000"
+    assert KEYS["link.system_id"].expected == "a whole number from 0 to 255"
+    assert KEYS["hold.vel_ned_mps"].expected == "a list of 3 numbers, each from -30 to 30 m/s"
+    assert KEYS["control.enabled"].expected == "true or false"
+    assert KEYS["mode"].expected == "one of shadow, hold"
+    assert KEYS["estimator.name"].expected == "one of swing_ekf, pendulum"
+    assert KEYS["link.autopilot"].expected == "a text of 1 to 200 printable characters"
+
+
+@pytest.mark.parametrize("key", KEYS.values(), **IDS)
+def test_the_json_schema_carries_bounds_defaults_and_meaning(key: Key) -> None:
+    schema = json_schema()
+    node = schema
+    for part in key.path:
+        node = node["properties"][part]
+        if "$ref" in node and part in GROUPS:
+            node = schema["$defs"][node["$ref"].rsplit("/", 1)[-1]]
+            assert node["additionalProperties"] is False
+    assert node["default"] == plain(key.default)
+    assert key.text in node["description"]
+    assert key.unit in node["description"]
+    if key.size > 1:
+        assert node["minItems"] == node["maxItems"] == key.size
+        node = node["prefixItems"][0]
+    if key.low is not None:
+        assert (node["minimum"], node["maximum"]) == (key.low, key.high)
+    if key.choices:
+        assert tuple(node["enum"]) == key.choices
