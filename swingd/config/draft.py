@@ -11,6 +11,7 @@ Place = int | str
 
 _repr = reprlib.Repr()
 _repr.maxstring = _repr.maxother = _repr.maxlong = 60
+_repr.maxlevel = 2
 _WORDS = {"None": "nothing", "True": "true", "False": "false"}
 
 

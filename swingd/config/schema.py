@@ -131,8 +131,8 @@ def nested(parameters: Parameters) -> dict[str, Any]:
 def _annotation(key: Key) -> Any:
     """Give pydantic's type of a key.
 
-    Strict throughout, so that a text is no number and a switch no 1; vectors alone are lax, because YAML has lists only.
-    An enumeration is a literal here, because Enum formats the whole of whatever it refuses.
+    Strict throughout, so that a text is no number and a switch no 1; vectors alone are lax, because YAML has lists
+    only. An enumeration is a literal here, because Enum formats the whole of whatever it refuses.
     """
     text = f"{key.text} [{key.unit}]" if key.unit else key.text
     if key.low is not None:
