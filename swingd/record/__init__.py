@@ -1,0 +1,1 @@
+"""Reading the logs of others, and recording swingd's own events."""

@@ -1,0 +1,142 @@
+"""The true swing, where a simulator or motion capture knows it."""
+
+import csv
+import gzip
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from swingd.model.errors import LogFormatError
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+_PX4_SITL = (
+    "swing_lateral_rad",
+    "swing_longitudinal_rad",
+    "swing_lateral_rate_rad_s",
+    "swing_longitudinal_rate_rad_s",
+)
+_OWN = ("xi_rad", "zeta_rad", "xi_rate_radps", "zeta_rate_radps")
+
+
+@dataclass(frozen=True, slots=True)
+class SwingTruth:
+    """The true swing angles of the heading frame and their derivatives, on the boot clock; arrays of (n,)."""
+
+    t_boot_s: FloatArray
+    """Strictly increasing [s]."""
+    xi_rad: FloatArray
+    """Lateral swing, positive with the load to the left [rad]."""
+    zeta_rad: FloatArray
+    """Longitudinal swing, positive with the load ahead [rad]."""
+    xi_rate_radps: FloatArray
+    zeta_rate_radps: FloatArray
+    valid: BoolArray
+    """Load attached, cable taut, angles known, inside of the window that was asked for."""
+
+
+def read_text(path: Path | str) -> str:
+    """Return the text of a file, unpacked if it is a gzip file.
+
+    Raises
+    ------
+    LogFormatError
+        If it cannot be read.
+    """
+    try:
+        data = Path(path).read_bytes()
+        if data[:2] == b"\x1f\x8b":
+            data = gzip.decompress(data)
+        return data.decode("utf-8-sig")
+    except (OSError, EOFError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise LogFormatError(f"{path}: cannot be read: {reason}") from error
+    except UnicodeDecodeError as error:
+        raise LogFormatError(f"{path}: byte {error.start} is no UTF-8; expected a CSV file") from error
+
+
+def read_table(path: Path | str, text: str, width: int, header: bool) -> FloatArray:
+    """Return the numbers of a CSV text as an array of (rows, width); an empty cell is NaN.
+
+    Raises
+    ------
+    LogFormatError
+        If a row has another number of cells or a cell is no number; names file, line and column.
+    """
+    rows: list[list[float]] = []
+    reader = csv.reader(io.StringIO(text))
+    if header:
+        next(reader)
+    for row in reader:
+        if not row:
+            continue
+        if len(row) != width:
+            raise LogFormatError(f"{path}, line {reader.line_num}: {len(row)} cells; expected {width}")
+        try:
+            rows.append([float(cell) if cell.strip() else np.nan for cell in row])
+        except ValueError:
+            column = next(i for i, cell in enumerate(row) if cell.strip() and not _is_number(cell))
+            raise LogFormatError(
+                f"{path}, line {reader.line_num}, column {column + 1}: {row[column]!r}; expected a number"
+            ) from None
+    if not rows:
+        raise LogFormatError(f"{path}: no rows; expected at least one")
+    return np.array(rows)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def header_of(text: str) -> list[str]:
+    """Return the names in the first line of a CSV text."""
+    return [name.strip() for name in next(csv.reader(io.StringIO(text)), [])]
+
+
+def read_truth(path: Path | str, start_s: float | None = None, end_s: float | None = None) -> SwingTruth:
+    """Read the true swing from a CSV file, plain or gzip.
+
+    Parameters
+    ----------
+    path : Path or str
+        Columns, by name: ``t_boot_s`` and either ``swing_lateral_rad, swing_longitudinal_rad,
+        swing_lateral_rate_rad_s, swing_longitudinal_rate_rad_s`` (px4_sitl data set) or ``xi_rad, zeta_rad,
+        xi_rate_radps, zeta_rate_radps``; optionally ``attached`` and ``taut`` (1 or 0). Others are ignored.
+    start_s, end_s : float, optional
+        Window of ``t_boot_s`` [s], both included; rows outside are not `SwingTruth.valid`.
+
+    Raises
+    ------
+    LogFormatError
+        If the file is not such a table; names file, line and what was expected.
+    """
+    text = read_text(path)
+    names = header_of(text)
+    wanted = _PX4_SITL if _PX4_SITL[0] in names else _OWN
+    missing = [name for name in ("t_boot_s", *wanted) if name not in names]
+    if missing:
+        raise LogFormatError(f"{path}, line 1: no column {', '.join(missing)}; expected t_boot_s, {', '.join(wanted)}")
+    table = read_table(path, text, len(names), header=True)
+    t_boot_s = table[:, names.index("t_boot_s")]
+    wrong = np.flatnonzero(~(np.diff(t_boot_s) > 0.0))
+    if wrong.size or not np.isfinite(t_boot_s).all():
+        at = int(wrong[0]) + 1 if wrong.size else int(np.flatnonzero(~np.isfinite(t_boot_s))[0])
+        raise LogFormatError(f"{path}, row {at + 1}: t_boot_s = {t_boot_s[at]}; expected more than in the row before")
+    xi, zeta, xi_rate, zeta_rate = (table[:, names.index(name)] for name in wanted)
+    valid = np.isfinite(xi) & np.isfinite(zeta) & np.isfinite(xi_rate) & np.isfinite(zeta_rate)
+    for name in ("attached", "taut"):
+        if name in names:
+            valid &= table[:, names.index(name)] == 1.0
+    if start_s is not None:
+        valid &= t_boot_s >= start_s
+    if end_s is not None:
+        valid &= t_boot_s <= end_s
+    return SwingTruth(t_boot_s, xi, zeta, xi_rate, zeta_rate, valid)
