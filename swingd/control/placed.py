@@ -117,7 +117,7 @@ def _poles(polynomial: Polynomial) -> list[complex]:
 
 
 def design(parameters: Parameters) -> PlacedDesign:
-    """Compute the gains for the wanted damping ratio at the frequency that the autopilot's own loop gives the swing.
+    """Compute the gains for the wanted damping ratio and frequency of the swing.
 
     Where the wanted damping would cost the stability or the damping of another mode (slow autopilot, short cable), the
     largest ratio that leaves every mode at least half as well damped is taken instead; ``damping_ratio`` tells it.
@@ -126,12 +126,13 @@ def design(parameters: Parameters) -> PlacedDesign:
     natural = math.sqrt(loop.stiffness + loop.pull)
     swing_off = _swing_pole(_poles(loop.open()), natural)
     wanted = parameters.control.damping_ratio
+    frequency_radps = parameters.control.frequency_ratio * abs(swing_off)
     best: PlacedDesign | None = None
     for ratio in (wanted * (1.0 - 0.05 * k) for k in range(20)):
-        target = abs(swing_off) * complex(-ratio, math.sqrt(1.0 - ratio * ratio))
+        target = frequency_radps * complex(-ratio, math.sqrt(1.0 - ratio * ratio))
         kp, kd = loop.gains(target)
         poles = _poles(loop.closed(kp, kd))
-        swing = _swing_pole(poles, abs(swing_off))
+        swing = _swing_pole(poles, frequency_radps)
         best = PlacedDesign(
             kp_per_s2=kp,
             kd_per_s=kd,

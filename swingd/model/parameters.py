@@ -168,7 +168,10 @@ class Control:
         names=("placed", "payload"),
     )
     enabled: bool = choice(True, "correction on at start; only acts where the mode streams setpoints")
-    damping_ratio: float = quantity(0.45, "1", 0.05, 1.0, "wanted damping ratio of the swing for the placed law")
+    damping_ratio: float = quantity(0.5, "1", 0.05, 1.0, "wanted damping ratio of the swing for the placed law")
+    frequency_ratio: float = quantity(
+        1.3, "1", 0.8, 2.0, "wanted swing frequency over the uncorrected one for the placed law"
+    )
     payload_kp_mps2_per_rad: float = quantity(9.0, "m/s^2/rad", 0.0, 100.0, "kP of the payload law")
     payload_kd_mps2_per_radps: float = quantity(2.0, "m/s^2/(rad/s)", 0.0, 100.0, "kD of the payload law")
     velocity_leak_s: float = quantity(4.0, "s", 0.2, 60.0, "time constant of the leak of the velocity correction")
