@@ -9,7 +9,7 @@ import typer
 from swingd.cli import options
 
 if TYPE_CHECKING:
-    from swingd.control.summary import HoverPoint, Oscillation, Summary
+    from swingd.control.summary import Correction, HoverPoint, Oscillation, Summary
     from swingd.model.parameters import Parameters
 
 EXAMPLES = """\b
@@ -53,6 +53,18 @@ def _as_json(file: Path, parameters: "Parameters", summary: "Summary") -> dict[s
             "nominal": {"voltage_v": summary.hover_nominal.voltage_v, "throttle": summary.hover_nominal.throttle},
             "sagged": {"voltage_v": summary.hover_sagged.voltage_v, "throttle": summary.hover_sagged.throttle},
         },
+        "correction": _correction(summary.correction),
+    }
+
+
+def _correction(correction: "Correction") -> dict[str, Any]:
+    return {
+        "law": correction.law,
+        "kp_mps2_per_rad": correction.kp_mps2_per_rad,
+        "kd_mps2_per_radps": correction.kd_mps2_per_radps,
+        "off": {**_oscillation(correction.off), "damping_ratio": correction.damping_ratio_off},
+        "on": correction.on and {**_oscillation(correction.on), "damping_ratio": correction.damping_ratio_on},
+        "poles_per_s": [[pole.real, pole.imag] for pole in correction.poles_per_s],
     }
 
 
@@ -93,7 +105,20 @@ def _summary_lines(summary: "Summary") -> list[str]:
         f"hover with the load, {summary.hover_thrust_n:.2f} N",
         _hover_line(summary.hover_nominal),
         _hover_line(summary.hover_sagged),
+        "",
+        *_correction_lines(summary.correction),
     ]
+
+
+def _correction_lines(correction: "Correction") -> list[str]:
+    lines = [
+        f"correction, law {correction.law}",
+        f"  {'gains':<14}{correction.kp_mps2_per_rad:.3f} m/s^2/rad  {correction.kd_mps2_per_radps:.3f} m/s^2/(rad/s)",
+        f"{_swing_line('without', correction.off)}  damping ratio {correction.damping_ratio_off:.3f}",
+    ]
+    if correction.on is None:
+        return [*lines, f"  {'with':<14}not computed: this law's gains are given, not designed"]
+    return [*lines, f"{_swing_line('with', correction.on)}  damping ratio {correction.damping_ratio_on:.3f}"]
 
 
 def _swing_line(name: str, swing: "Oscillation") -> str:

@@ -47,8 +47,8 @@ class Draft:
 
 def shown(value: object) -> str:
     """Show a value briefly and on one line, whatever it is."""
-    text = _repr.repr(value).encode("ascii", "backslashreplace").decode()
-    return _WORDS.get(text, text)
+    text = _repr.repr(value)
+    return printable(_WORDS.get(text, text))
 
 
 def printable(text: str) -> str:

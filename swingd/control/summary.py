@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from swingd.control.placed import design
 from swingd.model.parameters import Parameters, Thrust
 
 GRAVITY_MPS2 = 9.80665
@@ -37,6 +38,25 @@ class HoverPoint:
 
 
 @dataclass(frozen=True, slots=True)
+class Correction:
+    """The correction's gains at small swing, and what they promise in the linear model of `swingd.control.placed`."""
+
+    law: str
+    kp_mps2_per_rad: float
+    """Acceleration of the vehicle per swing angle."""
+    kd_mps2_per_radps: float
+    """Acceleration of the vehicle per swing rate."""
+    off: Oscillation
+    """The swing in the autopilot's own velocity loop."""
+    damping_ratio_off: float
+    on: Oscillation | None
+    """The swing with the correction; None for a law whose gains are given rather than designed."""
+    damping_ratio_on: float | None
+    poles_per_s: tuple[complex, ...]
+    """All poles of the loop with the correction [1/s]; empty where `on` is None."""
+
+
+@dataclass(frozen=True, slots=True)
 class Summary:
     """What follows from the parameters before any flight."""
 
@@ -49,6 +69,7 @@ class Summary:
     hover_nominal: HoverPoint
     hover_sagged: HoverPoint
     """At `SAG_RATIO` of the nominal voltage."""
+    correction: Correction
 
 
 def hover_thrust_n(parameters: Parameters) -> float:
@@ -110,6 +131,26 @@ def swing_free(parameters: Parameters) -> Oscillation:
     return Oscillation(math.sqrt(GRAVITY_MPS2 / parameters.cable.length_m * ratio))
 
 
+def correction(parameters: Parameters) -> Correction:
+    """Give the gains of the chosen law and the damping that is to be expected."""
+    control = parameters.control
+    placed = design(parameters)
+    off = Oscillation(placed.frequency_off_radps)
+    if control.law != "placed":
+        kp, kd = control.payload_kp_mps2_per_rad, control.payload_kd_mps2_per_radps
+        return Correction(control.law, kp, kd, off, placed.damping_ratio_off, None, None, ())
+    return Correction(
+        law=control.law,
+        kp_mps2_per_rad=placed.kp_per_s2 * parameters.cable.length_m,
+        kd_mps2_per_radps=placed.kd_per_s * parameters.cable.length_m,
+        off=off,
+        damping_ratio_off=placed.damping_ratio_off,
+        on=Oscillation(placed.frequency_radps),
+        damping_ratio_on=placed.damping_ratio,
+        poles_per_s=placed.poles,
+    )
+
+
 def summarise(parameters: Parameters) -> Summary:
     """Compute what ``swingd check`` shows beside the parameters themselves."""
     nominal_v = parameters.thrust.voltage_nominal_v
@@ -120,4 +161,5 @@ def summarise(parameters: Parameters) -> Summary:
         hover_thrust_n=hover_thrust_n(parameters),
         hover_nominal=HoverPoint(nominal_v, hover_throttle(parameters, nominal_v)),
         hover_sagged=HoverPoint(sagged_v, hover_throttle(parameters, sagged_v)),
+        correction=correction(parameters),
     )

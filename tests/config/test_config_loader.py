@@ -237,7 +237,7 @@ def test_an_override_into_something_else_leaves_the_files_problem(problems: Any)
         ("mass_kg: 1", "mass_kg (line 1): no such key; did you mean vehicle.mass_kg or payload.mass_kg?"),
         ("vehicel:\n  mass_kg: 1", "vehicel (line 1): no such key; did you mean vehicle?"),
         ("payload.mass_kg: 1", "payload.mass_kg (line 1): no such key at this level; expected mass_kg inside payload"),
-        ("cable:\n  length_m:\n    a: 1", "cable.length_m (line 2): {'a': 1} given; expected a number from 0.1 to 200 m"),
+        ("cable:\n  length_m: {a: 1}", "cable.length_m (line 2): {'a': 1} given; expected a number from 0.1 to 200 m"),
         ("qqq: 1", "qqq (line 1): no such key; expected mode or a key of " + ", ".join(GROUPS)),
         ("- 1", "the file (line 1): [1] given; expected groups of keys, such as payload: {mass_kg: 0.3}"),
         ("# c\n42", "the file (line 2): 42 given; expected groups of keys, such as payload: {mass_kg: 0.3}"),
