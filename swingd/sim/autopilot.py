@@ -284,6 +284,7 @@ class Autopilot:
     ) -> Answer:
         """Fly to a place and hold there; None keeps an axis."""
         self.request_mode(NavState.LOITER)
+        self._begin(self._sensed)
         for i, value in enumerate(target_ned_m):
             if value is not None:
                 self._target[i] = value

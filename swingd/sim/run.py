@@ -11,7 +11,8 @@ from swingd.sim.peer import SimulatedAutopilot
 from swingd.sim.plant import DT_S
 from swingd.sim.truth import TruthWriter
 
-TRUTH_RATE_HZ = 100.0
+TRUTH_STEPS = 2
+"""Simulation steps from one row of the truth file to the next: 125 Hz."""
 
 _CATCH_UP_MAX_S = 0.2
 _TRUTH_FILE_BUFFER = 1 << 16
@@ -38,7 +39,7 @@ async def run_simulation(
     px4_parameters : mapping, optional
         PX4's parameters other than the defaults, for a new peer.
     truth_file : Path, optional
-        CSV with the truth at 100 Hz, columns as in `swingd.sim.truth.COLUMNS`.
+        CSV with the truth at 125 Hz, columns as in `swingd.sim.truth.COLUMNS`.
     duration_s : float, optional
         Simulated time to run [s].
     on_step : callable, optional
@@ -94,7 +95,6 @@ async def _pace(
     """Step the peer when its time comes and send its frames, one datagram each as PX4 does."""
     loop = asyncio.get_running_loop()
     end_s = None if duration_s is None else peer.t_s + duration_s
-    steps_per_truth = max(1, round(1.0 / TRUTH_RATE_HZ / DT_S))
     steps = 0
     due_s = loop.time()
     while end_s is None or peer.t_s < end_s - 0.5 * DT_S:
@@ -108,7 +108,7 @@ async def _pace(
             on_step(peer)
         for frame in peer.advance(peer.t_s + DT_S):
             send(frame)
-        if writer is not None and steps % steps_per_truth == 0:
+        if writer is not None and steps % TRUTH_STEPS == 0:
             writer.write(peer.truth())
         steps += 1
         due_s += DT_S / speed
