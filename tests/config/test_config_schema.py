@@ -87,13 +87,12 @@ def test_a_number_takes_no_other_type_and_nothing_infinite(key: Key, bad: Any) -
     assert not accepts(key, bad)
 
 
-@pytest.mark.parametrize("key", [key for key in SCALARS if key.type is float], **IDS)
+@pytest.mark.parametrize(
+    "key", [key for key in SCALARS if key.type is float and key.low <= math.floor(key.high)], **IDS
+)
 def test_a_whole_number_is_a_number(key: Key) -> None:
-    assert key.low is not None
     assert key.high is not None
     whole = math.floor(key.high)
-    if whole < key.low:
-        pytest.skip("no whole number within the bounds")
     value = value_of(build(MODEL.model_validate(tree(key, whole))), key.name)
     assert type(value) is float
     assert value == whole

@@ -1,0 +1,180 @@
+"""The files of configs/ and what is derived from the declarations."""
+
+import itertools
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from swingd.config import dump_parameters, load_parameters
+from swingd.config.schema import KEYS
+from swingd.model.parameters import Mode, ThrustSource
+
+ROOT = Path(__file__).resolve().parents[2]
+TOOL = ROOT / "tools" / "configs.py"
+FILES = sorted((ROOT / "configs").glob("*.yaml"))
+
+
+def run_tool(root: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, TOOL, "--root", root, *options], capture_output=True, text=True, check=False, timeout=60
+    )
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    shutil.copytree(ROOT / "configs", tmp_path / "configs")
+    (tmp_path / "docs").mkdir()
+    shutil.copy(ROOT / "docs" / "configuration.md", tmp_path / "docs")
+    return tmp_path
+
+
+def test_the_configurations_are_there() -> None:
+    assert {path.stem for path in FILES} >= {"x500", "demo", "iris", "gazebo", "optitrack"}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_configuration_loads_and_names_every_key(path: Path) -> None:
+    load_parameters(path)
+    tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    given = [f"{group}.{key}" for group, keys in tree.items() if isinstance(keys, dict) for key in keys]
+    given += [key for key, value in tree.items() if not isinstance(value, dict)]
+    assert sorted(given) == sorted(KEYS)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_every_key_of_a_configuration_has_its_comment(path: Path) -> None:
+    lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
+    commented = [
+        (above.removeprefix("# "), line.partition(":")[0])
+        for above, line in itertools.pairwise(lines)
+        if above.startswith("# ") and ": " in line and not line.startswith("#")
+    ]
+    assert [name for _, name in commented] == [key.path[-1] for key in KEYS.values()]
+    for (comment, _), key in zip(commented, KEYS.values(), strict=True):
+        assert comment.startswith(key.text)
+        assert key.unit in comment
+        if key.low is not None:
+            assert comment.endswith(f"{key.range}]")
+
+
+def test_everything_derived_is_current() -> None:
+    """If this fails, run: python tools/configs.py."""
+    result = run_tool(ROOT, "--check")
+    assert result.returncode == 0, result.stdout
+
+
+def test_a_stale_comment_is_found_and_mended_and_nothing_else_is_touched(copy: Path) -> None:
+    path = copy / "configs" / "x500.yaml"
+    original = path.read_text(encoding="utf-8")
+    path.write_text(original.replace("# mass of the load", "# weight of the load"), encoding="utf-8")
+    check = run_tool(copy, "--check")
+    assert check.returncode == 1
+    assert "-  # weight of the load with its hook" in check.stdout
+    assert "+  # mass of the load with its hook" in check.stdout
+    assert "run: python tools/configs.py" in check.stderr
+
+    assert run_tool(copy).stdout == f"wrote {Path('configs') / 'x500.yaml'}\n"
+    assert path.read_text(encoding="utf-8") == original
+    assert run_tool(copy, "--check").returncode == 0
+
+
+def test_a_value_a_head_and_a_note_belong_to_the_file(copy: Path) -> None:
+    path = copy / "configs" / "mine.yaml"
+    path.write_text(
+        "# Mine\n#\n#   indented\npayload: {mass_kg: 0.4}\n"
+        "hold:\n  vel_ned_mps: [1,   2,3]   #    along the field\n"
+        "link:\n  autopilot: udpin://0.0.0.0:1#2\n",
+        encoding="utf-8",
+    )
+    assert run_tool(copy).returncode == 0
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("# Mine\n#\n#   indented\n\n# shadow: ")
+    assert "\n  vel_ned_mps: [1.0, 2.0, 3.0]  # along the field\n" in text
+    assert '\n  autopilot: "udpin://0.0.0.0:1#2"\n' in text
+    assert load_parameters(path).payload.mass_kg == 0.4
+    assert run_tool(copy, "--check").returncode == 0
+
+
+def test_keys_and_groups_can_be_reset_in_all_files(copy: Path) -> None:
+    assert run_tool(copy, "--reset", "thrust", "--reset", "vehicle.mass_kg").returncode == 0
+    default = load_parameters()
+    for path in (copy / "configs").glob("*.yaml"):
+        parameters = load_parameters(path)
+        assert parameters.thrust == default.thrust
+        assert parameters.vehicle.mass_kg == default.vehicle.mass_kg
+    assert load_parameters(copy / "configs" / "iris.yaml").vehicle.drag_n_per_mps == 0.35
+    assert run_tool(copy, "--reset", "nothing").returncode == 2
+
+
+def test_the_reference_names_every_key_with_default_unit_range_and_meaning() -> None:
+    rows = {
+        cells[0]: cells[1:]
+        for line in (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8").splitlines()
+        if line.startswith("| `")
+        for cells in [[cell.strip() for cell in line.strip("|").split("|")]]
+    }
+    assert list(rows) == [f"`{name}`" for name in KEYS]
+    assert rows["`cable.length_m`"] == ["`1.5`", "m", "0.1 .. 200", "from the hook to the load's centre of mass"]
+    for name, key in KEYS.items():
+        assert rows[f"`{name}`"][1:] == [key.unit, key.range, key.text]
+
+
+def test_the_editors_schema_is_json() -> None:
+    schema = json.loads((ROOT / "configs" / "schema.json").read_text(encoding="utf-8"))
+    assert schema["properties"].keys() == {key.path[0] for key in KEYS.values()}
+    for path in FILES:
+        assert path.read_text(encoding="utf-8").startswith("# yaml-language-server: $schema=schema.json\n")
+
+
+def test_facts_of_the_x500() -> None:
+    """Drones 2023, 7, 654, section 4.2."""
+    parameters = load_parameters(ROOT / "configs" / "x500.yaml")
+    assert parameters.vehicle.mass_kg == 2.0
+    assert parameters.payload.mass_kg == 0.192
+    assert parameters.cable.length_m == 1.9
+    assert parameters.vehicle.hook_frd_m == (0.0, 0.0, 0.22)
+
+
+def test_facts_of_the_demo() -> None:
+    parameters = load_parameters(ROOT / "configs" / "demo.yaml")
+    assert parameters.mode is Mode.HOLD
+    assert (parameters.vehicle.mass_kg, parameters.payload.mass_kg, parameters.cable.length_m) == (2.0, 0.3, 1.5)
+    assert parameters.simulation.battery_empty_v < parameters.simulation.battery_full_v
+    assert parameters.simulation.acc_noise_mps2 > 0.0
+
+
+@pytest.mark.parametrize(
+    ("throttle", "thrust_n"), [(0.0, 0.374), (0.3, 5.980), (0.5, 13.455), (0.8, 30.275), (1.0, 45.225)]
+)
+def test_the_thrust_curve_of_the_iris(throttle: float, thrust_n: float) -> None:
+    """Recorded PX4 SITL flights: curve_thrust_setpoint_to_n_at_full_voltage of dev_1.yaml."""
+    thrust = load_parameters(ROOT / "configs" / "iris.yaml").thrust
+    curve = thrust.quadratic_n * throttle**2 + thrust.linear_n * throttle + thrust.offset_n
+    assert curve == pytest.approx(thrust_n, abs=1e-3)
+
+
+def test_facts_of_the_recorded_flights() -> None:
+    iris = load_parameters(ROOT / "configs" / "iris.yaml")
+    assert (iris.vehicle.mass_kg, iris.vehicle.drag_n_per_mps, iris.vehicle.drag_vertical_n_per_mps) == (1.5, 0.35, 0.1)
+    assert (iris.thrust.voltage_nominal_v, iris.thrust.voltage_exponent) == (16.2, 2.0)
+    gazebo = load_parameters(ROOT / "configs" / "gazebo.yaml")
+    assert (gazebo.vehicle.mass_kg, gazebo.payload.mass_kg, gazebo.cable.length_m) == (1.5, 0.5, 2.0)
+    assert gazebo.thrust.quadratic_n + gazebo.thrust.linear_n + gazebo.thrust.offset_n == 23.5
+    assert gazebo.thrust.voltage_exponent == 0.0
+    optitrack = load_parameters(ROOT / "configs" / "optitrack.yaml")
+    assert (optitrack.vehicle.mass_kg, optitrack.payload.mass_kg) == (1.8306, 0.4623)
+    assert optitrack.cable.length_m == 3.158
+    assert optitrack.thrust.source is ThrustSource.REMARK_1
+
+
+def test_a_dump_of_a_file_is_the_file_without_head_and_notes() -> None:
+    path = ROOT / "configs" / "iris.yaml"
+    assert load_parameters(path) == load_parameters(path, [])
+    text = dump_parameters(load_parameters(path))
+    kept = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("  #")]
+    assert [line for line in text.splitlines() if line.startswith("  #")] == kept
