@@ -1,9 +1,11 @@
-"""What no single key can tell: values that are each allowed but do not go together."""
+"""What the schema cannot tell: values that do not go together, and URLs that no link understands."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from swingd.control.summary import curve_thrust_n, hover_thrust_n, swing_free
+from swingd.link.url import parse_url
+from swingd.model.errors import LinkUrlError
 from swingd.model.parameters import Parameters, ThrustSource
 
 HOVER_THROTTLE_MAX = 0.95
@@ -18,7 +20,7 @@ STEPS_PER_SWING_MIN = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One condition that joins several keys."""
+    """One condition, mostly on several keys."""
 
     keys: tuple[str, ...]
     """Dotted keys it reads; a violation is reported at the first one that is given."""
@@ -126,6 +128,14 @@ def _battery(p: Parameters) -> str | None:
     )
 
 
+def _url(url: str) -> str | None:
+    try:
+        parse_url(url)
+    except LinkUrlError as error:
+        return str(error)
+    return None
+
+
 CHECKS = (
     Check(("thrust.voltage_nominal_v", "thrust.voltage_min_v", "thrust.voltage_max_v"), _voltages),
     Check(("thrust.motor_output_min", "thrust.motor_output_max"), _motor_outputs),
@@ -144,8 +154,10 @@ CHECKS = (
     ),
     Check(("payload.mass_kg", "vehicle.mass_kg"), _mass_ratio),
     Check(("cable.length_m", "vehicle.mass_kg", "payload.mass_kg", "estimator.rate_hz"), _cable),
+    Check(("link.autopilot",), lambda p: _url(p.link.autopilot)),
     Check(("link.imu_rate_hz", "estimator.rate_hz"), _imu_rate),
     Check(("link.report_rate_hz", "estimator.rate_hz"), _report_rate),
+    Check(("simulation.mavlink",), lambda p: _url(p.simulation.mavlink)),
     Check(("simulation.battery_empty_v", "simulation.battery_full_v"), _battery),
 )
 """Every check, in the order of their first keys."""

@@ -5,6 +5,7 @@ import pytest
 from swingd.config import load_parameters
 from swingd.config.checks import CHECKS
 from swingd.config.schema import KEYS
+from swingd.link.url import FORMS
 from swingd.model.errors import ConfigurationError
 from swingd.model.parameters import Parameters
 
@@ -87,6 +88,15 @@ def test_checks_name_existing_keys() -> None:
             ["cable.length_m=0.2", "estimator.rate_hz=20", "link.report_rate_hz=20"],
             "cable.length_m (--set): on 0.2 m the load swings at 1.20 Hz, 16.7 filter steps per period at 20 Hz; "
             "expected at least 20: a longer cable, a lighter load, or a higher estimator.rate_hz",
+        ),
+        (
+            ["link.autopilot=udpin:0.0.0.0:14540"],
+            "link.autopilot (--set): link URL 'udpin:0.0.0.0:14540': no '://'; expected one of " + FORMS,
+        ),
+        (
+            ["simulation.mavlink=udp4://127.0.0.1:14540"],
+            "simulation.mavlink (--set): link URL 'udp4://127.0.0.1:14540': unknown scheme 'udp4'; expected one of "
+            + FORMS,
         ),
         (
             ["link.imu_rate_hz=50"],

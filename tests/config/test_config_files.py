@@ -88,14 +88,14 @@ def test_a_value_a_head_and_a_note_belong_to_the_file(copy: Path) -> None:
     path.write_text(
         "# Mine\n#\n#   indented\npayload: {mass_kg: 0.4}\n"
         "hold:\n  vel_ned_mps: [1,   2,3]   #    along the field\n"
-        "link:\n  autopilot: udpin://0.0.0.0:1#2\n",
+        "link:\n  autopilot: serial:///dev/tty#2:57600\n",
         encoding="utf-8",
     )
     assert run_tool(copy).returncode == 0
     text = path.read_text(encoding="utf-8")
     assert text.startswith("# Mine\n#\n#   indented\n\n# shadow: ")
     assert "\n  vel_ned_mps: [1.0, 2.0, 3.0]  # along the field\n" in text
-    assert '\n  autopilot: "udpin://0.0.0.0:1#2"\n' in text
+    assert '\n  autopilot: "serial:///dev/tty#2:57600"\n' in text
     assert load_parameters(path).payload.mass_kg == 0.4
     assert run_tool(copy, "--check").returncode == 0
 

@@ -131,13 +131,13 @@ def test_overrides_take_any_kind_of_value() -> None:
             "mode=hold",
             "hold.vel_ned_mps=[1, 0, 0]",
             "control.enabled=false",
-            " link.autopilot = udpout://10.0.0.1:14550?a=b ",
+            " link.autopilot = serial:///dev/by-id/a=b:57600 ",
         ],
     )
     assert parameters.mode is Mode.HOLD
     assert parameters.hold.vel_ned_mps == (1.0, 0.0, 0.0)
     assert parameters.control.enabled is False
-    assert parameters.link.autopilot == "udpout://10.0.0.1:14550?a=b"
+    assert parameters.link.autopilot == "serial:///dev/by-id/a=b:57600"
 
 
 def test_an_override_mends_what_is_wrong_in_the_file(load: Any) -> None:
