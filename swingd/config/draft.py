@@ -32,7 +32,10 @@ class Draft:
         where = self.places.get(name, "") if place is None else place
         suffix = f" (line {where})" if isinstance(where, int) else f" ({where})" if where else ""
         self.refused.add(name)
-        self.problems.append((where, f"{printable(name)}{suffix}: {text}"))
+        problem = (where, f"{printable(name)}{suffix}: {text}")
+        # Each missing component of a vector is an error of its own and says the same.
+        if problem not in self.problems:
+            self.problems.append(problem)
 
     def raise_problems(self, title: str) -> None:
         """Raise `ConfigurationError` with every problem, in the order of the file; return if there are none."""

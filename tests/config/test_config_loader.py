@@ -214,6 +214,10 @@ def test_an_override_into_something_else_leaves_the_files_problem(problems: Any)
             "hold.vel_ned_mps (line 2): [1, 2] given; expected a list of 3 numbers, each from -30 to 30 m/s",
         ),
         (
+            "hold:\n  vel_ned_mps: []",
+            "hold.vel_ned_mps (line 2): [] given; expected a list of 3 numbers, each from -30 to 30 m/s",
+        ),
+        (
             "hold:\n  vel_ned_mps: [1, 2, 3, 4]",
             "hold.vel_ned_mps (line 2): [1, 2, 3, 4] given; expected a list of 3 numbers, each from -30 to 30 m/s",
         ),
