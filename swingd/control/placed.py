@@ -4,7 +4,7 @@ Linear model of one horizontal axis, r the load's displacement ahead of the hook
 
     r'' = -(g / L) r - a                                        the pendulum
     a   = M/m G(s) a_sp + (m_l / m)(g / L) r                     tilted thrust of M g, and the cable's pull
-    a_sp = -(Kp + Ki/s + Kd s)/s a + B(s) a_pc                   the autopilot's velocity loop around v_sp, plus feed-forward
+    a_sp = -(Kp + Ki/s + Kd s)/s a + B(s) a_pc                   the autopilot's velocity loop, and feed-forward
     B(s) = 1 + (Kp + Ki/s) T/(1 + s T)                           acceleration and its leaky integral as velocity
     a_pc = s Tw/(1 + s Tw) exp(-s d) (kp + kd s) r               washout, age of the estimate, the law
 
@@ -24,6 +24,8 @@ from swingd.model.parameters import Parameters
 
 _ATTITUDE_DAMPING = 0.6
 _GRAVITY_MPS2 = 9.80665
+_DELAY_MIN_S = 1e-4
+"""A shorter delay is none; its Padé poles would only spoil the roots of the others."""
 _SETTLED_PER_S = 0.05
 """Poles slower than this belong to the integrator, the leak and the washout, not to the swing."""
 
@@ -70,7 +72,7 @@ class _Loop:
     def closed(self, kp: float, kd: float) -> Polynomial:
         """Characteristic polynomial with correction."""
         s = Polynomial([0.0, 1.0])
-        half = 0.5 * self.delay_s
+        half = 0.5 * max(self.delay_s, _DELAY_MIN_S)
         ahead = 1.0 - half * s + half**2 / 3.0 * s**2
         behind = 1.0 + half * s + half**2 / 3.0 * s**2
         law = Polynomial([kp, kd])
@@ -107,8 +109,8 @@ def _loop(parameters: Parameters) -> _Loop:
 
 
 def _swing_pole(poles: list[complex], near_radps: float) -> complex:
-    """The upper pole of the pair that is the swing: the one nearest in frequency."""
-    upper = [pole for pole in poles if pole.imag > _SETTLED_PER_S]
+    """The upper pole of the pair that is the swing, the one nearest in frequency; a real one where none oscillates."""
+    upper = [pole for pole in poles if pole.imag > _SETTLED_PER_S] or [pole for pole in poles if abs(pole) > 0.0]
     return min(upper, key=lambda pole: abs(math.log(abs(pole) / near_radps)))
 
 

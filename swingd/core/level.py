@@ -1,7 +1,7 @@
 """Between the body, the level frame that does not turn, and the heading frame.
 
-``level`` is the filter's frame: aligned with the heading once, not turned after that. ``yaw_rad`` is the nose's heading in
-it, so ``level_from_frd`` is the 3-2-1 rotation of (roll, pitch, yaw).
+``level`` is the filter's frame: aligned with the heading once, not turned after that. ``yaw_rad`` is the nose's heading
+in it, so ``level_from_frd`` is the 3-2-1 rotation of (roll, pitch, yaw).
 """
 
 import numpy as np
@@ -55,8 +55,8 @@ def filter_inputs(
 ):
     """Acceleration of the hook and the forces that go with it.
 
-    The two point masses of the filter are joined at the hook. With r_h the hook from the centre of gravity the vehicle's
-    equation m a_cg = m g + u + fa + cable becomes, for the hook's acceleration a_h = a_cg + a_rel,
+    The two point masses of the filter are joined at the hook. With r_h the hook from the centre of gravity, the
+    vehicle's equation m a_cg = m g + u + fa + cable becomes, for the hook's acceleration a_h = a_cg + a_rel,
     m a_h = m g + (u + m a_rel) + fa + cable: the same model with a_rel added on both sides.
 
     Parameters

@@ -260,7 +260,8 @@ def step(x_out, P_out, nis_out, x, P, u, z, Q_diag, R_diag, dt_s, mass_kg, paylo
     Returns
     -------
     Status
-        ``OK``, ``GATED`` (predicted only), ``NOT_CONVERGED`` or ``NOT_POSITIVE`` (a smaller step may do), ``NOT_FINITE``.
+        ``OK``, ``GATED`` (predicted only), ``NOT_CONVERGED`` or ``NOT_POSITIVE`` (a smaller step may do), or
+        ``NOT_FINITE``.
 
     Notes
     -----

@@ -129,7 +129,7 @@ class SwingEkf:
                     self._length_m,
                     nis_gate,
                     self._scheme,
-                )  # fmt: skip
+                )
             )
             if status in (Status.OK, Status.GATED):
                 self._x, self._x_next = self._x_next, self._x

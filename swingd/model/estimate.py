@@ -28,11 +28,11 @@ class SwingEstimate:
     """State of the swing after a step."""
 
     x: FloatArray
-    """(7,) xi, zeta [rad], their rates [rad/s], disturbance force on the vehicle [N]; level frame. Not to be changed."""
+    """(7,) xi, zeta [rad], their rates [rad/s], disturbance force on the vehicle [N]; level frame. Read only."""
     x_rate: FloatArray
     """(4,) time derivative of xi, zeta and of their rates by the model."""
     P: FloatArray
-    """(7, 7) covariance of ``x``. Not to be changed."""
+    """(7, 7) covariance of ``x``. Read only."""
     nis: float
     """Normalised innovation squared of the last measurement, 3 degrees of freedom; 0 where there is none."""
     tension_n: float

@@ -168,7 +168,7 @@ class Control:
         names=("placed", "payload"),
     )
     enabled: bool = choice(True, "correction on at start; only acts where the mode streams setpoints")
-    damping_ratio: float = quantity(0.5, "1", 0.05, 1.0, "wanted damping ratio of the swing for the placed law")
+    damping_ratio: float = quantity(0.5, "1", 0.05, 0.95, "wanted damping ratio of the swing for the placed law")
     frequency_ratio: float = quantity(
         1.3, "1", 0.8, 2.0, "wanted swing frequency over the uncorrected one for the placed law"
     )

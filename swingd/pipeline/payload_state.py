@@ -41,7 +41,7 @@ class PayloadWatch:
 
     @property
     def force_n(self) -> tuple[float, float, float]:
-        """Horizontal disturbance seen while the cable was slack, level frame [N]; 0 where that was too short to tell."""
+        """Horizontal disturbance while the cable was slack, level frame [N]; 0 where that was too short to tell."""
         if self._lifting_s < FORCE_TIME_CONSTANT_S:
             return (0.0, 0.0, 0.0)
         return (*self._force_n, 0.0)

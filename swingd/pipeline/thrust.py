@@ -68,7 +68,7 @@ class ThrustReading:
 
 
 class ThrustModel:
-    """F = scale (V / V0)^n (a x^2 + b x + c), motor outputs preferred to the throttle, Remark 1 where neither arrives."""
+    """F = scale (V / V0)^n (a x^2 + b x + c) of the motor outputs, else of the throttle; else Remark 1."""
 
     def __init__(self, parameters: Parameters) -> None:
         thrust = parameters.thrust

@@ -3,7 +3,7 @@
 import csv
 import gzip
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +101,16 @@ def header_of(text: str) -> list[str]:
     return [name.strip() for name in next(csv.reader(io.StringIO(text)), [])]
 
 
+def within(truth: SwingTruth, start_s: float | None = None, end_s: float | None = None) -> SwingTruth:
+    """Return the truth with nothing outside of a window of ``t_boot_s`` [s], both ends included, valid."""
+    valid = truth.valid.copy()
+    if start_s is not None:
+        valid &= truth.t_boot_s >= start_s
+    if end_s is not None:
+        valid &= truth.t_boot_s <= end_s
+    return replace(truth, valid=valid)
+
+
 def read_truth(path: Path | str, start_s: float | None = None, end_s: float | None = None) -> SwingTruth:
     """Read the true swing from a CSV file, plain or gzip.
 
@@ -135,8 +145,4 @@ def read_truth(path: Path | str, start_s: float | None = None, end_s: float | No
     for name in ("attached", "taut"):
         if name in names:
             valid &= table[:, names.index(name)] == 1.0
-    if start_s is not None:
-        valid &= t_boot_s >= start_s
-    if end_s is not None:
-        valid &= t_boot_s <= end_s
-    return SwingTruth(t_boot_s, xi, zeta, xi_rate, zeta_rate, valid)
+    return within(SwingTruth(t_boot_s, xi, zeta, xi_rate, zeta_rate, valid), start_s, end_s)
