@@ -1,5 +1,7 @@
 """PX4's own logs (.ulg) as events."""
 
+import contextlib
+import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -40,6 +42,7 @@ _TOPICS = [
 _ARMED = 2
 _NAV_STATE_OFFBOARD = 14
 _LONGEST_S = 1e5
+_READS_WITHOUT_PROGRESS = 4 * 65536  # a false message of 64 KiB is searched byte by byte
 
 Columns = dict[str, npt.NDArray[Any]]
 _Stream = tuple[npt.NDArray[np.float64], Callable[[float, int], Event]]
@@ -80,7 +83,7 @@ def read_ulog(path: Path | str, thrust: Thrust) -> Iterator[Event]:
 def _streams(path: Path | str, topics: dict[str, Columns], thrust: Thrust) -> list[_Stream]:
     imu = _imu(topics)
     attitude = topics.get("vehicle_attitude")
-    if imu is None or attitude is None or "q[3]" not in attitude:
+    if imu is None or attitude is None or any(f"q[{i}]" not in attitude for i in range(4)):
         raise LogFormatError(
             f"{path}: topics {', '.join(sorted(topics)) or 'none'}; "
             "expected vehicle_attitude and one of vehicle_imu and sensor_combined"
@@ -98,6 +101,30 @@ def _streams(path: Path | str, topics: dict[str, Columns], thrust: Thrust) -> li
     return [stream for stream in streams if stream is not None]
 
 
+class _NoProgressError(Exception):
+    """The parser runs in circles."""
+
+
+class _Advancing(io.BytesIO):
+    """A file that ends a parser which reads the same bytes for ever, as pyulog does with some damaged logs."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self._furthest = 0
+        self._reads = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(size)
+        at = self.tell()
+        if at > self._furthest:
+            self._furthest, self._reads = at, 0
+        else:
+            self._reads += 1
+            if self._reads > _READS_WITHOUT_PROGRESS:
+                raise _NoProgressError(f"damaged at byte {at}")
+        return data
+
+
 def _read(path: Path | str) -> dict[str, Columns]:
     """Return the columns of the first instance of each topic that is used."""
     try:
@@ -105,9 +132,12 @@ def _read(path: Path | str) -> dict[str, Columns]:
     except ImportError as error:
         raise LogFormatError(f"{path}: reading .ulg needs pyulog: install swingd[replay]") from error
     try:
-        log = pyulog.ULog(str(path), _TOPICS)
+        file = _Advancing(Path(path).read_bytes())
     except OSError as error:
         raise LogFormatError(f"{path}: cannot be read: {error.strerror}") from error
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints what it finds damaged
+            log = pyulog.ULog(file, _TOPICS)
     except Exception as error:  # the parser raises whatever the damaged bytes lead to
         raise LogFormatError(f"{path}: {error or type(error).__name__}; expected a PX4 log (.ulg)") from error
     topics: dict[str, Columns] = {}
@@ -172,13 +202,13 @@ def _imu(topics: dict[str, Columns]) -> _Stream | None:
         gyro = _vec(columns, "gyro_rad", 3)
         delta_velocity = _vec(columns, "delta_velocity", 3)
         delta_angle = _vec(columns, "delta_angle", 3)
+        interval_us = _table(columns, "delta_velocity_dt", "delta_angle_dt")
         good = None
-        if delta_velocity is not None and delta_angle is not None:
-            dv_s = columns["delta_velocity_dt"].astype(np.float64) * 1e-6
-            da_s = columns["delta_angle_dt"].astype(np.float64) * 1e-6
-            good = (dv_s > 0.0) & (da_s > 0.0)
-            acc = delta_velocity / np.where(good, dv_s, 1.0)[:, None]
-            gyro = delta_angle / np.where(good, da_s, 1.0)[:, None]
+        if delta_velocity is not None and delta_angle is not None and interval_us is not None:
+            good = np.all(interval_us > 0.0, axis=1)
+            interval_s = np.where(good[:, None], interval_us * 1e-6, 1.0)
+            acc = delta_velocity / interval_s[:, :1]
+            gyro = delta_angle / interval_s[:, 1:]
         if acc is None or gyro is None:
             continue
         t_s = _time_s(columns)
