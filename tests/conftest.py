@@ -5,8 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 PROJECT = Path(__file__).resolve().parent.parent
+
+
+# The same examples on every machine, however slow it is; HYPOTHESIS_SEARCH=1 looks for new ones.
+settings.register_profile("swingd", deadline=None, derandomize=not os.environ.get("HYPOTHESIS_SEARCH"))
+settings.load_profile("swingd")
 
 
 @pytest.fixture(scope="session")
