@@ -22,7 +22,7 @@ $(STAMP): pyproject.toml
 setup: $(STAMP)  ## create .venv with swingd and everything its tests need
 
 demo: $(STAMP)  ## fly a simulated PX4 with a slung load, correction off, then on
-	$(BIN)/swingd demo
+	$(BIN)/swingd demo -c configs/demo.yaml -o out/demo.png
 
 test: $(STAMP)  ## the whole test suite
 	$(BIN)/python -m pytest

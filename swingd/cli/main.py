@@ -7,7 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 import swingd
-from swingd.cli import check, replay, run, schema, sim
+from swingd.cli import check, demo, replay, run, schema, sim
 from swingd.model.errors import ConfigurationError, LinkUrlError, SwingdError
 
 EXIT_CONFIG = os.EX_CONFIG
@@ -54,6 +54,7 @@ def _swingd(
     """Estimate and damp the swing of a load slung under a multirotor, beside PX4 and ArduPilot."""
 
 
+app.command(epilog=demo.EXAMPLES)(demo.demo)
 app.command(epilog=run.EXAMPLES)(run.run)
 app.command(epilog=sim.EXAMPLES)(sim.sim)
 app.command(epilog=replay.EXAMPLES)(replay.replay)

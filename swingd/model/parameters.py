@@ -83,9 +83,9 @@ class Thrust:
     """Thrust curve F = scale (V / V0)^n (a x^2 + b x + c) with x in 0..1, and its self-calibration."""
 
     source: ThrustSource = choice(ThrustSource.AUTO, "auto, motors, throttle or remark_1")
-    quadratic_n: float = quantity(30.0, "N", -1e5, 1e5, "a: all rotors together, at nominal voltage")
-    linear_n: float = quantity(6.0, "N", -1e5, 1e5, "b: all rotors together, at nominal voltage")
-    offset_n: float = quantity(0.3, "N", -1e4, 1e4, "c: all rotors together, at nominal voltage")
+    quadratic_n: float = quantity(36.0, "N", -1e5, 1e5, "a: all rotors together, at nominal voltage")
+    linear_n: float = quantity(8.0, "N", -1e5, 1e5, "b: all rotors together, at nominal voltage")
+    offset_n: float = quantity(0.4, "N", -1e4, 1e4, "c: all rotors together, at nominal voltage")
     voltage_nominal_v: float = quantity(16.2, "V", 1.0, 1000.0, "V0: the voltage at which the curve was measured")
     voltage_exponent: float = quantity(
         2.0, "1", 0.0, 3.0, "n: 2 for ESCs without compensation; 0 where the autopilot or the ESC compensates"

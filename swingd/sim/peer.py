@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
+from swingd.link import swing_message
 from swingd.link.codec import Codec, Frame
+from swingd.model.actions import SwingReport
 from swingd.model.events import LandedState
 from swingd.model.parameters import Parameters
 from swingd.sim.autopilot import Answer, Autopilot, NavState
@@ -117,8 +119,8 @@ _DEFAULT_RATES_HZ: Mapping[int, float] = {
 class CompanionLog:
     """What a companion computer told the simulated autopilot."""
 
-    reports: deque[tuple[float, tuple[float, ...]]] = field(default_factory=lambda: deque(maxlen=_REPORTS_MAX))
-    """DEBUG_FLOAT_ARRAY ``SWING``: time of arrival on the autopilot's clock [s], and the data."""
+    reports: deque[SwingReport] = field(default_factory=lambda: deque(maxlen=_REPORTS_MAX))
+    """What was published as DEBUG_FLOAT_ARRAY ``SWING``."""
     status_texts: deque[tuple[float, int, str]] = field(default_factory=lambda: deque(maxlen=1000))
     """Time, severity and text of each STATUSTEXT."""
     heartbeat_t_s: float = nan
@@ -533,8 +535,9 @@ class SimulatedAutopilot:
         self.companion.heartbeat_t_s = self.t_boot_s
 
     def _on_debug_array(self, frame: Frame, message: Any) -> None:
-        if _text(message.name) == "SWING":
-            self.companion.reports.append((self.t_boot_s, tuple(message.data)))
+        report = swing_message.decode(message)
+        if report is not None:
+            self.companion.reports.append(report)
 
     def _on_status_text(self, frame: Frame, message: Any) -> None:
         self.companion.status_texts.append((self.t_boot_s, int(message.severity), _text(message.text)))

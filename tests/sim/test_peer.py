@@ -12,7 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
+from swingd.link import swing_message
 from swingd.link.codec import Codec
+from swingd.model.actions import Health, SwingReport
 from swingd.model.parameters import Parameters
 from swingd.sim.peer import SimulatedAutopilot, euler_rad, setpoint_of
 
@@ -280,20 +282,20 @@ def test_ground_station_frames_reach_the_companion(app: Application) -> None:
 
 
 def test_what_the_companion_publishes_is_kept(app: Application) -> None:
-    data = [0.1, -0.2] + [0.0] * 56
+    zero = (0.0, 0.0, 0.0)
+    report = SwingReport(0.09, 0.1, -0.2, 0.0, 0.0, zero, 0.01, 0.01, 20.0, 1.0, 2.0, zero, zero, Health.READY)
     app.run(0.1)
     app.send(
-        mavlink.MAVLink_debug_float_array_message(1000, b"SWING", 1, data),
-        mavlink.MAVLink_debug_float_array_message(1000, b"OTHER", 1, data),
+        swing_message.encode(report),
+        mavlink.MAVLink_debug_float_array_message(1000, b"OTHER", 1, [0.0] * 58),
         mavlink.MAVLink_statustext_message(4, b"thrust scale at its limit"),
         mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3),
     )
     app.run(0.1)
-    ((t_s, values),) = app.peer.companion.reports
-    assert values[:2] == pytest.approx((0.1, -0.2))
-    assert 0.1 < t_s < 0.12
+    (got,) = app.peer.companion.reports
+    assert (got.t_boot_s, got.xi_rad, got.zeta_rad) == pytest.approx((0.09, 0.1, -0.2))
     assert [text for _, _, text in app.peer.companion.status_texts] == ["thrust scale at its limit"]
-    assert app.peer.companion.heartbeat_t_s == t_s
+    assert 0.1 < app.peer.companion.heartbeat_t_s < 0.12
 
 
 def test_reboot_is_silent_and_sets_the_clock_back(app: Application) -> None:

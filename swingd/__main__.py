@@ -1,0 +1,5 @@
+"""``python -m swingd``."""
+
+from swingd.cli.main import main
+
+main()
