@@ -39,7 +39,7 @@ class SwingEkf:
         self._mass_kg = parameters.vehicle.mass_kg
         self._payload_mass_kg = parameters.payload.mass_kg
         self._length_m = parameters.cable.length_m
-        self._scheme = _SCHEMES[estimator.integrator]
+        self._scheme = int(_SCHEMES[estimator.integrator])
         self._max_step_s = estimator.max_step_s
         self._nis_gate = estimator.nis_gate
         rate_var = estimator.swing_rate_noise**2
