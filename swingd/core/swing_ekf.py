@@ -226,8 +226,25 @@ def _rk4_mean(x_out, x, u, z, K, dt_s, mass_kg, payload_mass_kg, length_m):
             stage[i] = x[i] + dt_s * ahead * k[i]
 
 
-@kernel(I8(VEC, MAT, VEC, VEC, MAT, VEC, VEC, VEC, VEC, F8, F8, F8, F8, F8, I8))
-def step(x_out, P_out, nis_out, x, P, u, z, Q_diag, R_diag, dt_s, mass_kg, payload_mass_kg, length_m, nis_gate, scheme):
+@kernel(I8(VEC, MAT, VEC, VEC, MAT, VEC, VEC, VEC, VEC, F8, F8, F8, F8, F8, F8, I8))
+def step(
+    x_out,
+    P_out,
+    nis_out,
+    x,
+    P,
+    u,
+    z,
+    Q_diag,
+    R_diag,
+    dt_s,
+    interval_s,
+    mass_kg,
+    payload_mass_kg,
+    length_m,
+    nis_gate,
+    scheme,
+):
     """Carry mean and covariance over one interval with the acceleration measured in it.
 
     Parameters
@@ -235,20 +252,23 @@ def step(x_out, P_out, nis_out, x, P, u, z, Q_diag, R_diag, dt_s, mass_kg, paylo
     x_out, P_out : (7,), (7, 7), written
         Result; to be ignored unless the answer is ``OK`` or ``GATED``.
     nis_out : (1,), written
-        Normalised innovation squared nu^T (H P H^T + R / dt)^-1 nu at the start of the step.
+        Normalised innovation squared nu^T (H P H^T + R / interval)^-1 nu at the start of the step.
     x, P : (7,), (7, 7)
         Before the step.
     u : (3,)
         Mean thrust and known forces over the step, level frame [N].
     z : (3,)
-        Mean inertial acceleration of the hook over the step, level frame [m/s^2].
+        Mean inertial acceleration of the hook over the interval, level frame [m/s^2].
     Q_diag : (7,)
         Process noise densities.
     R_diag : (3,)
         Measurement noise densities [(m/s^2)^2 s]; as a density R multiplies by 1/dt where a discrete filter wants a
         covariance.
     dt_s : float
-        0 < dt_s <= 0.1, checked by the caller.
+        Step [s], > 0.
+    interval_s : float
+        What ``z`` is the mean of [s]: the step, or a longer interval of which the step is a part. It weighs in the
+        innovation alone; the correction takes ``z`` as a density and is the same however the interval is divided.
     mass_kg, payload_mass_kg, length_m : float
         Model.
     nis_gate : float
@@ -294,7 +314,7 @@ def step(x_out, P_out, nis_out, x, P, u, z, Q_diag, R_diag, dt_s, mass_kg, paylo
             for k in range(7):
                 total += H[i, k] * PHt[k, j]
             innovation_cov[i, j] = total
-        innovation_cov[i, i] += R_diag[i] / dt_s
+        innovation_cov[i, i] += R_diag[i] / interval_s
     if cholesky(factor, innovation_cov) != _OK:
         return _NOT_POSITIVE
     cholesky_solve(weighted, factor)

@@ -5,6 +5,15 @@ from typing import Protocol
 from swingd.core.status import Status
 from swingd.model.estimate import FloatArray, ResetReason, SwingEstimate
 
+INTERVAL_MAX_S = 10.0
+INPUT_MAX = 1e9
+"""Forces [N] and accelerations [m/s^2] from here on are refused, so that nothing derived from them overflows."""
+
+
+def inputs_valid(force_n: FloatArray, acc_mps2: FloatArray, dt_s: float) -> bool:
+    """Tell whether an estimator may take these; a value that is not a number fails every comparison."""
+    return bool(0.0 < dt_s <= INTERVAL_MAX_S and (abs(force_n) < INPUT_MAX).all() and (abs(acc_mps2) < INPUT_MAX).all())
+
 
 class SwingEstimator(Protocol):
     """Estimates the swing from forces and accelerations in a level frame that does not turn."""
@@ -22,16 +31,17 @@ class SwingEstimator(Protocol):
         acc_mps2 : (3,)
             Mean inertial acceleration of the hook, level frame [m/s^2].
         dt_s : float
-            Length of the interval [s].
+            Length of the interval [s], 0 < dt_s <= `INTERVAL_MAX_S`.
 
         Returns
         -------
         Status
-            ``OK`` or ``GATED`` where the estimate was advanced; anything else where it was reset instead.
+            ``OK`` or ``GATED`` where the estimate was advanced, ``INPUT_INVALID`` where an input is not finite or out
+            of its range and nothing was done; anything else where the estimate was reset instead.
         """
 
     def coast(self, force_n: FloatArray, dt_s: float) -> None:
-        """Advance over an interval without a measurement, the force held."""
+        """Advance over an interval without a measurement, the force held; invalid inputs are ignored."""
 
     def estimate(self) -> SwingEstimate:
         """Return the state after the last step."""

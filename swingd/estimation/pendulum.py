@@ -7,6 +7,7 @@ import numpy as np
 from swingd.core import pendulum as kernels
 from swingd.core.status import Status
 from swingd.core.swing_ekf import GRAVITY_MPS2
+from swingd.estimation.base import inputs_valid
 from swingd.model.estimate import FloatArray, ResetReason, SwingEstimate
 from swingd.model.parameters import Parameters
 
@@ -35,7 +36,7 @@ class Pendulum:
 
     def step(self, force_n: FloatArray, acc_mps2: FloatArray, dt_s: float) -> Status:
         """Advance over one interval; the force is not used."""
-        if not np.isfinite(acc_mps2).all():
+        if not inputs_valid(acc_mps2, acc_mps2, dt_s):
             return Status.INPUT_INVALID
         acc = acc_mps2
         if self._high_pass_radps > 0.0:

@@ -7,6 +7,7 @@ import numpy as np
 from swingd.core import swing_ekf as kernels
 from swingd.core.status import Status
 from swingd.core.swing_ekf import ANGLE_MAX_RAD, NUM_STATES, Scheme, State
+from swingd.estimation.base import inputs_valid
 from swingd.model.estimate import FloatArray, ResetReason, SwingEstimate
 from swingd.model.parameters import Integrator, Parameters
 
@@ -15,6 +16,8 @@ ANGLE_STD_MAX_RAD = 1.0
 GATED_MAX_S = 1.0
 """Measurements rejected for longer mean that the state is wrong, not the measurements."""
 HALVINGS_MAX = 4
+GATE_CLOSED = -1.0
+"""A gate that every measurement exceeds: the step is a prediction."""
 ANGLE_NOISE_VAR = 1e-8
 """Process noise density of the angles [rad^2/s]: keeps the covariance regular, far below everything else."""
 
@@ -62,6 +65,8 @@ class SwingEkf:
 
     def step(self, force_n: FloatArray, acc_mps2: FloatArray, dt_s: float) -> Status:
         """Advance over one interval; see `SwingEstimator.step`."""
+        if not inputs_valid(force_n, acc_mps2, dt_s):
+            return Status.INPUT_INVALID
         self._force[:] = force_n
         status = self._advance(acc_mps2, dt_s, self._nis_gate)
         if status not in (Status.OK, Status.GATED):
@@ -76,12 +81,14 @@ class SwingEkf:
 
     def coast(self, force_n: FloatArray, dt_s: float) -> None:
         """Predict over an interval without a measurement."""
+        if not inputs_valid(force_n, force_n, dt_s):
+            return
         self._force[:] = force_n
-        # A gate that every measurement exceeds makes each step a prediction.
-        if self._advance(np.zeros(3), dt_s, -1.0) not in (Status.OK, Status.GATED):
+        if self._advance(np.zeros(3), dt_s, GATE_CLOSED) not in (Status.OK, Status.GATED):
             self.reset(ResetReason.NUMERICS)
         elif (reason := self._fault()) is not None:
             self.reset(reason)
+        self._nis[0] = 0.0
 
     def estimate(self) -> SwingEstimate:
         """Return the state after the last step."""
@@ -105,11 +112,13 @@ class SwingEkf:
         self._gated_s = 0.0
 
     def _advance(self, acc_mps2: FloatArray, dt_s: float, nis_gate: float) -> Status:
-        """Divide the interval into steps of at most ``max_step_s``, smaller ones where the implicit equations fail."""
+        """Divide the interval into steps of at most ``max_step_s``, smaller ones where the implicit equations fail.
+
+        The innovation at the start of the interval decides for all of it.
+        """
         pieces = max(1, math.ceil(dt_s / self._max_step_s - 1e-6))
         halvings = 0
         done = 0
-        gated = False
         nis = 0.0
         while done < pieces:
             status = Status(
@@ -124,6 +133,7 @@ class SwingEkf:
                     self._Q,
                     self._R,
                     dt_s / pieces,
+                    dt_s,
                     self._mass_kg,
                     self._payload_mass_kg,
                     self._length_m,
@@ -134,8 +144,9 @@ class SwingEkf:
             if status in (Status.OK, Status.GATED):
                 self._x, self._x_next = self._x_next, self._x
                 self._P, self._P_next = self._P_next, self._P
-                gated |= status is Status.GATED
-                nis = nis if done else float(self._nis[0])
+                if done == 0:
+                    nis = float(self._nis[0])
+                    nis_gate = GATE_CLOSED if status is Status.GATED else math.inf
                 done += 1
             elif halvings < HALVINGS_MAX:
                 halvings += 1
@@ -143,7 +154,7 @@ class SwingEkf:
             else:
                 return status
         self._nis[0] = nis
-        return Status.GATED if gated else Status.OK
+        return Status.GATED if nis_gate == GATE_CLOSED else Status.OK
 
     def _fault(self) -> ResetReason | None:
         if max(abs(self._x[State.XI]), abs(self._x[State.ZETA])) > ANGLE_MAX_RAD:
