@@ -1,7 +1,7 @@
 """The age of every input, and what swingd makes of it."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from swingd.model.actions import Health, Severity, StatusText, StreamRequest
 from swingd.model.events import Stream
@@ -9,6 +9,8 @@ from swingd.model.parameters import Parameters
 from swingd.pipeline.payload_state import PayloadState
 
 RATE_WINDOW_S = 2.0
+ARRIVALS_MAX = 8192
+"""Kept of one stream: four times what may be asked for, so that no flood fills the memory."""
 REQUEST_EVERY_S = 2.0
 REQUESTS_BEFORE_COMPLAINT = 4
 RATE_SHARE = 0.75
@@ -28,7 +30,9 @@ class _Watched:
     """A stream that is asked for."""
 
     rate_hz: float
-    arrivals: deque[float]
+    arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=ARRIVALS_MAX))
+    """In order, none older than the window."""
+    last_s: float | None = None
     requests: int = 0
     asked_s: float = -1e9
     complained: bool = False
@@ -60,16 +64,16 @@ class StreamWatch:
             Stream.LOCAL_POSITION: 50.0,
             Stream.LANDED_STATE: 2.0,
         }
-        self._watched = {stream: _Watched(rate, deque(maxlen=1024)) for stream, rate in rates.items()}
+        self._watched = {stream: _Watched(rate) for stream, rate in rates.items()}
 
     def arrived(self, stream: Stream, t_mono_s: float) -> None:
         """Note one arrival."""
-        arrivals = self._watched[stream].arrivals
-        if arrivals and t_mono_s < arrivals[-1]:
+        watched = self._watched[stream]
+        if watched.last_s is not None and t_mono_s < watched.last_s:
             return
-        arrivals.append(t_mono_s)
-        while arrivals[0] < t_mono_s - RATE_WINDOW_S:
-            arrivals.popleft()
+        watched.last_s = t_mono_s
+        watched.arrivals.append(t_mono_s)
+        _forget(watched.arrivals, t_mono_s)
 
     def restarted(self) -> None:
         """The autopilot restarted: it has forgotten every request."""
@@ -85,16 +89,15 @@ class StreamWatch:
 
     def age_s(self, stream: Stream, t_mono_s: float) -> float | None:
         """Time since the last arrival [s]."""
-        arrivals = self._watched[stream].arrivals
-        return t_mono_s - arrivals[-1] if arrivals else None
+        last_s = self._watched[stream].last_s
+        return t_mono_s - last_s if last_s is not None else None
 
     def state(self, stream: Stream, t_mono_s: float) -> StreamState:
         """Return what is known of one stream."""
         watched = self._watched[stream]
-        recent = sum(1 for arrival in watched.arrivals if arrival > t_mono_s - RATE_WINDOW_S)
-        return StreamState(
-            stream, watched.rate_hz, recent / RATE_WINDOW_S, self.age_s(stream, t_mono_s), watched.refused
-        )
+        _forget(watched.arrivals, t_mono_s)
+        got_hz = len(watched.arrivals) / RATE_WINDOW_S
+        return StreamState(stream, watched.rate_hz, got_hz, self.age_s(stream, t_mono_s), watched.refused)
 
     def tick(self, t_mono_s: float) -> list[StreamRequest | StatusText]:
         """Ask again for what arrives too slowly, ever less often; complain once for each stream."""
@@ -117,6 +120,12 @@ class StreamWatch:
             watched.asked_s = t_mono_s
             actions.append(StreamRequest(stream, watched.rate_hz))
         return actions
+
+
+def _forget(arrivals: deque[float], t_mono_s: float) -> None:
+    """Drop what is older than the window; the rate is then a length, whatever the stream."""
+    while arrivals and arrivals[0] <= t_mono_s - RATE_WINDOW_S:
+        arrivals.popleft()
 
 
 @dataclass(frozen=True, slots=True)

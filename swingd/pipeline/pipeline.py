@@ -68,10 +68,14 @@ class Pipeline:
         self._armed: bool | None = None
         self._flight_mode = FlightMode.UNKNOWN
         self._landed = LandedState.UNKNOWN
+        self._streaming = False
         self._configure(parameters)
 
     def _configure(self, parameters: Parameters) -> None:
-        """Build every stage anew from the parameters."""
+        """Build every stage anew from the parameters.
+
+        A stream of setpoints goes on meanwhile: ending it would make the autopilot leave OFFBOARD.
+        """
         self._parameters = parameters
         self._enabled = parameters.control.enabled
         self._sampler = ImuSampler(parameters.estimator.rate_hz)
@@ -90,7 +94,6 @@ class Pipeline:
         self._told: tuple[Health, str] | None = None
         self._told_s = -math.inf
         self._position: LocalPosition | None = None
-        self._streaming = False
         self._estimate = self._estimator.estimate()
         self._acc_slow = np.zeros(3)
         self._vel_level = np.zeros(3)

@@ -74,7 +74,7 @@ class ImuSampler:
         self._gyro_rate[:] = 0.0
 
     def add(self, imu: Imu) -> ImuInterval | None:
-        """Take one sample; return the interval that it completes."""
+        """Take one sample; return the interval that it completes. A stamp that does not advance is left out."""
         stamp_s = imu.t_boot_s
         if math.isnan(self._end_s):
             self._end_s = self._last_stamp_s = stamp_s
@@ -82,6 +82,8 @@ class ImuSampler:
             self._gyro[:] = imu.gyro_frd_radps
             return None
         spacing_s = stamp_s - self._last_stamp_s
+        if not spacing_s > 0.0:
+            return None
         self._last_stamp_s = stamp_s
         self._sample_s += 0.05 * (min(spacing_s, self._period_s) - self._sample_s)
         self._sum[:3] += imu.acc_frd_mps2
@@ -141,6 +143,7 @@ class AttitudeTracker:
         self._level_yaw_rad = 0.0
         self._gyro_yaw_rad = 0.0
         self._gyro_yaw_at_last_rad = 0.0
+        self._gyro_is_whole = True
         self._yaw_jump_rad = 0.0
 
     def reset(self) -> None:
@@ -149,7 +152,11 @@ class AttitudeTracker:
 
     def add(self, attitude: Attitude) -> None:
         """Take one attitude."""
-        if self._last is not None and attitude.t_boot_s - self._last.t_boot_s < ATTITUDE_AGE_MAX_S:
+        if (
+            self._last is not None
+            and self._gyro_is_whole
+            and attitude.t_boot_s - self._last.t_boot_s < ATTITUDE_AGE_MAX_S
+        ):
             turned = self._gyro_yaw_rad - self._gyro_yaw_at_last_rad
             jump = wrap_pi(attitude.yaw_rad - self._last.yaw_rad - turned)
             if abs(jump) > YAW_JUMP_RAD:
@@ -157,6 +164,7 @@ class AttitudeTracker:
                 # Interpolating across a reset would give a heading that never was.
                 self._last = None
         self._gyro_yaw_at_last_rad = self._gyro_yaw_rad
+        self._gyro_is_whole = True
         self._before, self._last = self._last, attitude
 
     def take_yaw_jump(self) -> float:
@@ -177,6 +185,9 @@ class AttitudeTracker:
         yaw_rate = turn / c_pitch
         self._level_yaw_rad = wrap_pi(self._level_yaw_rad + yaw_rate * interval.dt_s)
         self._gyro_yaw_rad += yaw_rate * interval.dt_s
+        if interval.missing_s > 0.0:
+            # What was turned in a gap is a guess; held against the attitude it would look like a reset of the yaw.
+            self._gyro_is_whole = False
         if abs(ahead_s) > ATTITUDE_AGE_MAX_S:
             return None
         before = self._before

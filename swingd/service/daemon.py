@@ -60,7 +60,11 @@ class Daemon:
         """
         loop = asyncio.get_running_loop()
         link = self._parameters.link.autopilot
-        self._transport = await open_transport(link, self._received)
+        try:
+            self._transport = await open_transport(link, self._received)
+        except BaseException:
+            self._end_recording()
+            raise
         handled = []
         for number in (signal.SIGINT, signal.SIGTERM):
             # Outside of the main thread the host has its own way to stop.
@@ -76,8 +80,7 @@ class Daemon:
             for number in handled:
                 loop.remove_signal_handler(number)
             await self._transport.close()
-            if self._event_log is not None:
-                self._event_log.close()
+            self._end_recording()
             summary = self._meter.summary()
             drops = {drop.value: count for drop, count in self._engine.adapter.drops.items()}
             resets = {reason.name.lower(): count for reason, count in self._engine.pipeline.resets.items() if count}
@@ -126,6 +129,10 @@ class Daemon:
             self._setpoint_made = True
         elif isinstance(action, StatusText):
             getattr(self._log, level_of(action.severity))(action.text)
+
+    def _end_recording(self) -> None:
+        if self._event_log is not None:
+            self._event_log.close()
 
     def _recording_ended(self, reason: str) -> None:
         self._log.error("recording ended", reason=reason)
