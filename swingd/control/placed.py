@@ -25,9 +25,15 @@ from swingd.model.parameters import Parameters
 _ATTITUDE_DAMPING = 0.6
 _GRAVITY_MPS2 = 9.80665
 _DELAY_MIN_S = 1e-4
-"""A shorter delay is none; its Padé poles would only spoil the roots of the others."""
-_SETTLED_PER_S = 0.05
-"""Poles slower than this belong to the integrator, the leak and the washout, not to the swing."""
+"""A shorter delay is none."""
+_PHASE_MAX = 4.0
+"""Modulus of a wanted pole times the delay: beyond it the answer comes a good half cycle late."""
+_SETTLED_SHARE = 0.02
+"""Of the swing's frequency: poles slower than this belong to the integrator, the leak and the washout."""
+_MARGIN = 0.4
+"""Least distance of the loop's frequency response from -1."""
+_RATIO_STEPS = 20
+_FREQUENCY_SHARES = (1.0, 0.9, 0.8, 0.7)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +43,7 @@ class PlacedDesign:
     kp_per_s2: float
     """Acceleration per displacement of the load."""
     kd_per_s: float
-    """Acceleration per velocity of the load relative to the vehicle."""
+    """Acceleration per velocity of the load relative to the vehicle; 0 where no correction would help."""
     damping_ratio: float
     """Of the swing's poles with the correction."""
     frequency_radps: float
@@ -51,104 +57,123 @@ class PlacedDesign:
 
 @dataclass(frozen=True, slots=True)
 class _Loop:
-    """The model's polynomials in s: (s^2 + g/L)(1 + mu G W) + (m_l/m)(g/L) = -mu G B C (kp + kd s)."""
+    """Characteristic equation own(s) + path(s) exp(-s delay) (kp + kd s) = 0, without common roots at zero."""
 
-    stiffness: float
-    pull: float
-    mu: float
-    G_den: Polynomial
-    W_num: Polynomial
-    B_num: Polynomial
-    B_den: Polynomial
-    C_num: Polynomial
-    C_den: Polynomial
+    own: Polynomial
+    """Without correction, times the denominators of the correction."""
+    path: Polynomial
     delay_s: float
-
-    def open(self) -> Polynomial:
-        """Characteristic polynomial without correction, times s^2 of W and the denominator of G."""
-        s = Polynomial([0.0, 1.0])
-        return (s**2 + self.stiffness) * (s**2 * self.G_den + self.mu * self.W_num) + self.pull * s**2 * self.G_den
+    natural_radps: float
+    """Of the load below a vehicle that thrust only carries."""
+    bandwidth_radps: float
+    """Of the attitude loop."""
 
     def closed(self, kp: float, kd: float) -> Polynomial:
-        """Characteristic polynomial with correction."""
-        s = Polynomial([0.0, 1.0])
-        half = 0.5 * max(self.delay_s, _DELAY_MIN_S)
-        ahead = 1.0 - half * s + half**2 / 3.0 * s**2
-        behind = 1.0 + half * s + half**2 / 3.0 * s**2
-        law = Polynomial([kp, kd])
-        return self.open() * self.B_den * self.C_den * behind + s**2 * self.mu * self.B_num * self.C_num * law * ahead
+        """Characteristic polynomial with correction, the delay as a Padé approximation."""
+        half = 0.5 * self.delay_s
+        ahead = behind = Polynomial([1.0])
+        if self.delay_s >= _DELAY_MIN_S:
+            ahead, behind = Polynomial([1.0, -half, half**2 / 3.0]), Polynomial([1.0, half, half**2 / 3.0])
+        return self.own * behind + self.path * Polynomial([kp, kd]) * ahead
 
     def gains(self, pole: complex) -> tuple[float, float]:
-        """The gains that make ``pole`` a root."""
-        path = pole**2 * self.mu * self.B_num(pole) * self.C_num(pole) * cmath.exp(-pole * self.delay_s)
-        value = -self.open()(pole) * self.B_den(pole) * self.C_den(pole) / path
+        """The gains that make ``pole`` a root, the delay exact."""
+        value = complex(-self.own(pole) / (self.path(pole) * cmath.exp(-pole * self.delay_s)))
         kd = value.imag / pole.imag
         return value.real - kd * pole.real, kd
 
+    def robust(self, kp: float, kd: float) -> bool:
+        """Tell whether the loop with its exact delay is stable and keeps its distance from -1 (Nyquist)."""
+        fastest = max(self.natural_radps, self.bandwidth_radps)
+        s = 1j * np.geomspace(1e-4 * self.natural_radps, 1e2 * fastest, 4000)
+        own = self.own(s)
+        closed = own + self.path(s) * (kp + kd * s) * np.exp(-s * self.delay_s)
+        # Of all roots left of the axis the argument turns by a quarter per degree; each on the right takes half a turn.
+        turned = np.unwrap(np.angle(closed / (s + self.natural_radps) ** self.own.degree()))
+        unstable = round(float(turned[0] - turned[-1]) / math.pi)
+        return unstable == 0 and float(np.min(np.abs(closed / own))) >= _MARGIN
+
+    def poles(self, polynomial: Polynomial) -> list[complex]:
+        """Roots, in a unit of time that keeps the coefficients within reach of each other."""
+        coefficients = np.asarray(polynomial.coef, dtype=float)
+        scaled = Polynomial(coefficients * self.natural_radps ** np.arange(coefficients.size))
+        return [complex(root) * self.natural_radps for root in np.asarray(scaled.roots(), dtype=complex)]
+
 
 def _loop(parameters: Parameters) -> _Loop:
+    """Build the polynomials of (s^2 + g/L)(1 + M/m G W) + (m_l/m)(g/L) = -M/m G B C (kp + kd s)."""
     autopilot, control = parameters.autopilot, parameters.control
     ratio = parameters.payload.mass_kg / parameters.vehicle.mass_kg
     stiffness = _GRAVITY_MPS2 / parameters.cable.length_m
     bandwidth = 2.0 * _ATTITUDE_DAMPING / max(autopilot.acceleration_delay_s, 1e-3)
+    leak, washout = control.velocity_leak_s, control.washout_s
     s = Polynomial([0.0, 1.0])
-    leak = control.velocity_leak_s
+    G_den = s**2 / bandwidth**2 + 2.0 * _ATTITUDE_DAMPING / bandwidth * s + 1.0
     pi = autopilot.velocity_p * s + autopilot.velocity_i
+    W_num = autopilot.velocity_d * s**2 + pi
+    B_num, B_den = s * (1.0 + leak * s) + pi * leak, s * (1.0 + leak * s)
+    C_num, C_den = washout * s, 1.0 + washout * s
+    plant = (s**2 + stiffness) * (s**2 * G_den + (1.0 + ratio) * W_num) + ratio * stiffness * s**2 * G_den
+    own = plant * B_den * C_den
+    path = s**2 * (1.0 + ratio) * B_num * C_num
+    # The washout cancels the integrator of the velocity; without gains there are more of them.
+    zeros = int(np.flatnonzero(own.coef)[0])
     return _Loop(
-        stiffness=stiffness,
-        pull=ratio * stiffness,
-        mu=1.0 + ratio,
-        G_den=s**2 / bandwidth**2 + 2.0 * _ATTITUDE_DAMPING / bandwidth * s + 1.0,
-        W_num=autopilot.velocity_d * s**2 + pi,
-        B_num=s * (1.0 + leak * s) + pi * leak,
-        B_den=s * (1.0 + leak * s),
-        C_num=control.washout_s * s,
-        C_den=1.0 + control.washout_s * s,
+        own=Polynomial(own.coef[zeros:]),
+        path=Polynomial(path.coef[zeros:]),
         delay_s=control.delay_s,
+        natural_radps=math.sqrt(stiffness * (1.0 + ratio)),
+        bandwidth_radps=bandwidth,
     )
 
 
-def _swing_pole(poles: list[complex], near_radps: float) -> complex:
-    """The upper pole of the pair that is the swing, the one nearest in frequency; a real one where none oscillates."""
-    upper = [pole for pole in poles if pole.imag > _SETTLED_PER_S] or [pole for pole in poles if abs(pole) > 0.0]
-    return min(upper, key=lambda pole: abs(math.log(abs(pole) / near_radps)))
-
-
-def _poles(polynomial: Polynomial) -> list[complex]:
-    return [complex(root) for root in np.asarray(polynomial.roots(), dtype=complex)]
+def _damping(pole: complex) -> float:
+    return -pole.real / abs(pole)
 
 
 def design(parameters: Parameters) -> PlacedDesign:
     """Compute the gains for the wanted damping ratio and frequency of the swing.
 
-    Where the wanted damping would cost the stability or the damping of another mode (slow autopilot, short cable), the
-    largest ratio that leaves every mode at least half as well damped is taken instead; ``damping_ratio`` tells it.
+    Where that would cost the stability, the robustness or the damping of another mode (slow autopilot, short cable,
+    heavy load), a lower frequency and then a lower ratio is taken: the largest that leaves every other mode at least
+    half as well damped, and all of them better than the worst one without correction. Where none does, the gains are
+    zero and ``damping_ratio`` is ``damping_ratio_off``.
     """
     loop = _loop(parameters)
-    natural = math.sqrt(loop.stiffness + loop.pull)
-    swing_off = _swing_pole(_poles(loop.open()), natural)
-    wanted = parameters.control.damping_ratio
-    frequency_radps = parameters.control.frequency_ratio * abs(swing_off)
-    best: PlacedDesign | None = None
-    for ratio in (wanted * (1.0 - 0.05 * k) for k in range(20)):
-        target = frequency_radps * complex(-ratio, math.sqrt(1.0 - ratio * ratio))
-        kp, kd = loop.gains(target)
-        poles = _poles(loop.closed(kp, kd))
-        swing = _swing_pole(poles, frequency_radps)
-        best = PlacedDesign(
-            kp_per_s2=kp,
-            kd_per_s=kd,
-            damping_ratio=-swing.real / abs(swing),
-            frequency_radps=abs(swing),
-            damping_ratio_off=-swing_off.real / abs(swing_off),
-            frequency_off_radps=abs(swing_off),
-            poles=tuple(sorted(poles, key=abs)),
-        )
-        others = [-pole.real / abs(pole) for pole in poles if abs(pole) > _SETTLED_PER_S and abs(pole - swing) > 1e-6]
-        if kd > 0.0 and min(others, default=1.0) > 0.5 * ratio:
-            return best
-    assert best is not None
-    return best
+    poles_off = loop.poles(loop.own)
+    upper = [pole for pole in poles_off if pole.imag > _SETTLED_SHARE * loop.natural_radps] or poles_off
+    off = min(upper, key=lambda pole: abs(math.log(abs(pole) / loop.natural_radps)))
+    worst_off = min(_damping(pole) for pole in poles_off)
+    wanted, wanted_radps = parameters.control.damping_ratio, parameters.control.frequency_ratio * abs(off)
+    for step in range(_RATIO_STEPS):
+        ratio = wanted * (1.0 - step / _RATIO_STEPS)
+        if ratio <= _damping(off):
+            break
+        for frequency_radps in (share * wanted_radps for share in _FREQUENCY_SHARES):
+            if frequency_radps * loop.delay_s > _PHASE_MAX:
+                continue
+            target = frequency_radps * complex(-ratio, math.sqrt(1.0 - ratio * ratio))
+            kp, kd = loop.gains(target)
+            if kd <= 0.0:
+                continue
+            poles = loop.poles(loop.closed(kp, kd))
+            others = sorted(poles, key=lambda pole: abs(complex(pole.real, abs(pole.imag)) - target))[2:]
+            worst = min(_damping(pole) for pole in others)
+            if worst > max(0.5 * ratio, worst_off) and loop.robust(kp, kd):
+                return _designed(kp, kd, target, off, poles)
+    return _designed(0.0, 0.0, off, off, poles_off)
+
+
+def _designed(kp: float, kd: float, swing: complex, off: complex, poles: list[complex]) -> PlacedDesign:
+    return PlacedDesign(
+        kp_per_s2=kp,
+        kd_per_s=kd,
+        damping_ratio=_damping(swing),
+        frequency_radps=abs(swing),
+        damping_ratio_off=_damping(off),
+        frequency_off_radps=abs(off),
+        poles=tuple(sorted(poles, key=abs)),
+    )
 
 
 class PlacedLaw:
