@@ -12,7 +12,16 @@ from swingd.link import swing_message
 from swingd.link.clock import AHEAD_S, LATE_S, RemoteClock, Verdict, unwrap
 from swingd.link.codec import Codec, Frame
 from swingd.link.swing_message import float32
-from swingd.model.actions import Action, Health, Heartbeat, Setpoint, StatusText, StreamRequest, SwingReport
+from swingd.model.actions import (
+    Action,
+    Health,
+    Heartbeat,
+    Setpoint,
+    StatusText,
+    StreamRequest,
+    SwingReport,
+    VoltageCompensationRequest,
+)
 from swingd.model.errors import ConfigurationError
 from swingd.model.events import (
     AppSetpoint,
@@ -32,9 +41,11 @@ from swingd.model.events import (
     StreamRefused,
     Throttle,
     Vec3,
+    VoltageCompensation,
 )
 from swingd.model.parameters import Link, Thrust
 
+_BY_NAME = -1
 # Plain integers: arithmetic with flags costs a microsecond each.
 _FORCE_BIT = 0x200
 _USE_MASK = 0xDFF
@@ -110,6 +121,10 @@ class AutopilotKind(Enum):
     PX4 = "px4"
     ARDUPILOT = "ardupilot"
     OTHER = "other"
+
+
+_VOLTAGE_COMPENSATION = {AutopilotKind.PX4: "MC_BAT_SCALE_EN", AutopilotKind.ARDUPILOT: "MOT_BAT_VOLT_MAX"}
+"""The parameter that is not zero where the autopilot scales its outputs with the voltage."""
 
 
 class Drop(Enum):
@@ -460,6 +475,13 @@ class AutopilotAdapter:
             reason = f"{name}: {result.name if result else m.result}"
             events.append(StreamRefused(t_mono_s, request.stream, reason))
 
+    def _param_value(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
+        assert self.autopilot is not None
+        m = frame.message
+        if m.param_id == _VOLTAGE_COMPENSATION.get(self.autopilot.kind):
+            # PX4 sends integers as the bits of a float: zero is zero in both, and the only value that means no.
+            events.append(VoltageCompensation(t_mono_s, m.param_value != 0.0))
+
     def _app_setpoint(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
         m = frame.message
         if m.target_system != self.codec.system_id or m.target_component != self._component_id:
@@ -605,6 +627,8 @@ class AutopilotAdapter:
                     data = self._encode_text(action)
                 case StreamRequest():
                     data = self._encode_request(autopilot, action)
+                case VoltageCompensationRequest():
+                    data = self._encode_parameter_read(autopilot)
         if data is None:
             self.drops[Drop.OUTGOING] += 1
         return data
@@ -666,6 +690,16 @@ class AutopilotAdapter:
             )
         return data
 
+    def _encode_parameter_read(self, autopilot: AutopilotId) -> bytes | None:
+        name = _VOLTAGE_COMPENSATION.get(autopilot.kind)
+        if name is None:
+            return None
+        return self.codec.encode(
+            mavlink.MAVLink_param_request_read_message(
+                autopilot.system_id, autopilot.component_id, name.encode(), _BY_NAME
+            )
+        )
+
 
 _SERVO_FIELDS = tuple(f"servo{i}_raw" for i in range(1, 17))
 
@@ -674,6 +708,7 @@ _HANDLERS: dict[int, _Handler] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: AutopilotAdapter._heartbeat,
     mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: AutopilotAdapter._imu,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: AutopilotAdapter._attitude,
+    mavlink.MAVLINK_MSG_ID_PARAM_VALUE: AutopilotAdapter._param_value,
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: AutopilotAdapter._attitude_quaternion,
     mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: AutopilotAdapter._attitude_target,
     mavlink.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS: AutopilotAdapter._actuator_output_status,

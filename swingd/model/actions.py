@@ -84,10 +84,15 @@ class StreamRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class VoltageCompensationRequest:
+    """Ask whether the autopilot compensates the voltage itself."""
+
+
+@dataclass(frozen=True, slots=True)
 class Heartbeat:
     """swingd is alive, in this state."""
 
     health: Health
 
 
-Action = Setpoint | SwingReport | StatusText | StreamRequest | Heartbeat
+Action = Setpoint | SwingReport | StatusText | StreamRequest | VoltageCompensationRequest | Heartbeat

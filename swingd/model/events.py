@@ -137,6 +137,14 @@ class StreamRefused:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class VoltageCompensation:
+    """Whether the autopilot scales its motor outputs with the voltage, after the throttle that it reports."""
+
+    t_mono_s: float
+    active: bool
+
+
 class SetpointUse(IntFlag):
     """Which groups of a setpoint are meant (bits of POSITION_TARGET_TYPEMASK inverted, per axis)."""
 
@@ -204,6 +212,7 @@ Event = (
     | Landed
     | AutopilotRestart
     | StreamRefused
+    | VoltageCompensation
     | AppSetpoint
     | CorrectionSwitch
     | ParametersChange

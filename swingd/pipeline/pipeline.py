@@ -9,7 +9,16 @@ from swingd.core.level import filter_inputs, level_from_frd, swing_in_heading
 from swingd.core.status import Status
 from swingd.core.swing_ekf import GRAVITY_MPS2
 from swingd.estimation import make_estimator
-from swingd.model.actions import Action, Health, Heartbeat, Setpoint, Severity, StatusText, SwingReport
+from swingd.model.actions import (
+    Action,
+    Health,
+    Heartbeat,
+    Setpoint,
+    Severity,
+    StatusText,
+    SwingReport,
+    VoltageCompensationRequest,
+)
 from swingd.model.estimate import FloatArray, ResetReason
 from swingd.model.events import (
     AppSetpoint,
@@ -32,6 +41,7 @@ from swingd.model.events import (
     Throttle,
     Tick,
     Vec3,
+    VoltageCompensation,
 )
 from swingd.model.parameters import Mode, Parameters, ThrustSource
 from swingd.pipeline.correction import Correction
@@ -51,6 +61,9 @@ QUIET_SWING_RAD = math.radians(6.0)
 QUIET_SPEED_MPS = 0.7
 QUIET_TIME_CONSTANT_S = 0.3
 TEXT_EVERY_S = 1.0
+COMPENSATION_REQUESTS = 5
+"""How often the autopilot is asked whether it compensates the voltage, before its silence is taken for a no."""
+COMPENSATION_REQUEST_S = 2.0
 
 
 class Pipeline:
@@ -89,6 +102,8 @@ class Pipeline:
         self._fade = Fade(parameters.control)
         self._reference = HoldReference(parameters.hold)
         self._streams = StreamWatch(parameters)
+        self._compensation_requests = 0
+        self._compensation_asked_s = -math.inf
         self._health = HealthWatch(parameters)
         self._assessment = Assessment(Health.INIT, "waiting for the autopilot's IMU")
         self._told: tuple[Health, str] | None = None
@@ -185,10 +200,14 @@ class Pipeline:
                 self._thrust.reset_clock()
                 self._position = None
                 self._streams.restarted()
+                self._compensation_requests = 0
                 self._reset(ResetReason.CLOCK)
                 return [StatusText(Severity.WARNING, f"autopilot's clock stepped by {event.step_s:+.1f} s")]
             case StreamRefused():
                 self._streams.refused(event.stream, event.reason)
+            case VoltageCompensation():
+                self._thrust.compensated = event.active
+                self._compensation_requests = COMPENSATION_REQUESTS
             case CorrectionSwitch():
                 if event.enabled != self._enabled:
                     self._enabled = event.enabled
@@ -385,6 +404,14 @@ class Pipeline:
             self._streaming = False
             self._fade.cut()
         actions: list[Action] = list(self._streams.tick(now_s))
+        if (
+            self._compensation_requests < COMPENSATION_REQUESTS
+            and now_s - self._compensation_asked_s >= COMPENSATION_REQUEST_S
+            and self._streams.age_s(Stream.IMU, now_s) is not None
+        ):
+            self._compensation_requests += 1
+            self._compensation_asked_s = now_s
+            actions.append(VoltageCompensationRequest())
         if now_s - self._heartbeat_s >= HEARTBEAT_S:
             self._heartbeat_s = now_s
             actions.append(Heartbeat(self.health))

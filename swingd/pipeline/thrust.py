@@ -79,6 +79,8 @@ class ThrustModel:
         self._throttle = _LaggedOutputs(parameters, thrust.throttle_delay_s)
         self._voltage_v = math.nan
         self._t_voltage_s = 0.0
+        self.compensated = False
+        """The autopilot scales its outputs with the voltage: the throttle then means thrust, the outputs do not."""
         self.refused_voltages = 0
         """Readings outside of ``voltage_min_v`` .. ``voltage_max_v``."""
 
@@ -150,7 +152,9 @@ class ThrustModel:
             z -= (self._mass_kg + self._payload_mass_kg) * GRAVITY_MPS2
             return ThrustReading(math.sqrt(x * x + y * y + z * z), 0.0, source)
         outputs = self._motors if source is ThrustSource.MOTORS else self._throttle
-        factor = (self.voltage_v / self._thrust.voltage_nominal_v) ** self._thrust.voltage_exponent
+        factor = 1.0
+        if source is ThrustSource.MOTORS or not self.compensated:
+            factor = (self.voltage_v / self._thrust.voltage_nominal_v) ** self._thrust.voltage_exponent
         curve_n = factor * outputs.curve_n(t_boot_s)
         return ThrustReading(scale * curve_n, curve_n, source)
 
