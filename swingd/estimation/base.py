@@ -46,5 +46,5 @@ class SwingEstimator(Protocol):
     def estimate(self) -> SwingEstimate:
         """Return the state after the last step."""
 
-    def reset(self, reason: ResetReason, force_n: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        """Begin anew with the load at rest below and a first guess of the disturbance force."""
+    def reset(self, reason: ResetReason, force_n: tuple[float, float, float] | None = None) -> None:
+        """Begin anew with the load at rest below; ``force_n`` is the disturbance where it was measured just before."""

@@ -58,7 +58,7 @@ class Pendulum:
         x_rate = np.concatenate([self._x[2:4], -stiffness * self._x[:2] - damping * self._x[2:4]])
         return SwingEstimate(self._x.copy(), x_rate, P, 0.0, self._payload_mass_kg * GRAVITY_MPS2)
 
-    def reset(self, reason: ResetReason, force_n: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+    def reset(self, reason: ResetReason, force_n: tuple[float, float, float] | None = None) -> None:
         """Begin anew with the load at rest below."""
         self.resets[reason] += 1
         self._x[:] = 0.0

@@ -15,6 +15,8 @@ ANGLE_STD_MAX_RAD = 1.0
 """Beyond it the estimate says nothing."""
 GATED_MAX_S = 1.0
 """Measurements rejected for longer mean that the state is wrong, not the measurements."""
+FORCE_AGE_S = 2.0
+"""Age of a disturbance that was measured before the load was lifted."""
 HALVINGS_MAX = 4
 GATE_CLOSED = -1.0
 """A gate that every measurement exceeds: the step is a prediction."""
@@ -102,12 +104,16 @@ class SwingEkf:
         )
         return SwingEstimate(self._x.copy(), rate[:4], self._P.copy(), float(self._nis[0]), tension_n)
 
-    def reset(self, reason: ResetReason, force_n: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        """Begin anew with the load at rest below and a first guess of the disturbance force."""
+    def reset(self, reason: ResetReason, force_n: tuple[float, float, float] | None = None) -> None:
+        """Begin anew with the load at rest below; ``force_n`` is the disturbance where it was measured just before."""
         self.resets[reason] += 1
         self._x[:] = 0.0
-        self._x[State.FORCE_X :] = force_n
         self._P[:] = self._P_init
+        if force_n is not None:
+            self._x[State.FORCE_X :] = force_n
+            # It has wandered since; how far, its own process noise tells.
+            for i in (State.FORCE_X, State.FORCE_Y):
+                self._P[i, i] = min(self._P[i, i], self._Q[i] * FORCE_AGE_S)
         self._nis[0] = 0.0
         self._gated_s = 0.0
 

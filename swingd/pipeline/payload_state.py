@@ -40,10 +40,10 @@ class PayloadWatch:
         self._force_n = (0.0, 0.0)
 
     @property
-    def force_n(self) -> tuple[float, float, float]:
-        """Horizontal disturbance while the cable was slack, level frame [N]; 0 where that was too short to tell."""
+    def force_n(self) -> tuple[float, float, float] | None:
+        """Horizontal disturbance while the cable was slack, level frame [N]; None where that was too short to tell."""
         if self._lifting_s < FORCE_TIME_CONSTANT_S:
-            return (0.0, 0.0, 0.0)
+            return None
         return (*self._force_n, 0.0)
 
     def grounded(self) -> None:

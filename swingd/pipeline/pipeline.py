@@ -296,7 +296,7 @@ class Pipeline:
             self._health.reset(self._t_mono_s, fault=True)
         self._estimate = self._estimator.estimate()
 
-    def _reset(self, reason: ResetReason, force_n: Vec3 = (0.0, 0.0, 0.0)) -> None:
+    def _reset(self, reason: ResetReason, force_n: Vec3 | None = None) -> None:
         self._estimator.reset(reason, force_n)
         self._estimate = self._estimator.estimate()
         self._health.reset(self._t_mono_s, fault=False)
