@@ -100,7 +100,7 @@ def filter_inputs(
 
 @kernel(VOID(VEC, VEC, VEC, VEC, MAT, F8, F8, F8))
 def swing_in_heading(angles_out, vector_out, x, x_rate, P, lead_s, yaw_rad, yaw_rate_radps):
-    """Carry the swing a little ahead and express it in the heading frame.
+    """Carry swing and heading a little ahead and express the swing in the heading frame.
 
     (xi, zeta) is not a vector: the cable's direction and its derivative are turned, never the pair of angles.
 
@@ -133,7 +133,8 @@ def swing_in_heading(angles_out, vector_out, x, x_rate, P, lead_s, yaw_rad, yaw_
     v_z = n_d_xi[2] * xi_rate + n_d_zeta[2] * zeta_rate
     vector_out[0], vector_out[1], vector_out[2], vector_out[3] = n_x, n_y, v_x, v_y
 
-    c_y, s_y = np.cos(yaw_rad), np.sin(yaw_rad)
+    heading = yaw_rad + lead_s * yaw_rate_radps
+    c_y, s_y = np.cos(heading), np.sin(heading)
     h_x = c_y * n_x + s_y * n_y
     h_y = -s_y * n_x + c_y * n_y
     rate_x = c_y * v_x + s_y * v_y + yaw_rate_radps * h_y
