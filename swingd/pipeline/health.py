@@ -114,7 +114,7 @@ class StreamWatch:
             if watched.requests >= REQUESTS_BEFORE_COMPLAINT and not watched.complained:
                 watched.complained = True
                 why = f"refused: {watched.refused}" if watched.refused else "link or autopilot gives no more"
-                text = f"{stream.value}: asked {watched.rate_hz:.3g} Hz, got {got_hz:.3g} Hz ({why})"
+                text = f"{stream.value}: asked {watched.rate_hz:.4g} Hz, got {got_hz:.4g} Hz ({why})"
                 actions.append(StatusText(Severity.WARNING, text))
             watched.requests += 1
             watched.asked_s = t_mono_s

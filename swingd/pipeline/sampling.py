@@ -8,7 +8,7 @@ import numpy as np
 from swingd.model.estimate import FloatArray
 from swingd.model.events import Attitude, Imu
 
-GYRO_RATE_TIME_CONSTANT_S = 0.02
+GYRO_RATE_TIME_CONSTANT_S = 0.01
 """Low-pass on the derivative of the body rates."""
 GAP_SHARE = 3.0
 """An interval longer than this times the usual one has lost samples."""
@@ -63,7 +63,6 @@ class ImuSampler:
         self._end_s = math.nan
         self._due_s = math.nan
         self._gyro = np.zeros(3)
-        self._gyro_mean_s = 0.0
         self._gyro_rate = np.zeros(3)
 
     def reset(self) -> None:
@@ -81,7 +80,6 @@ class ImuSampler:
             self._end_s = self._last_stamp_s = stamp_s
             self._due_s = stamp_s + self._period_s
             self._gyro[:] = imu.gyro_frd_radps
-            self._gyro_mean_s = stamp_s
             return None
         spacing_s = stamp_s - self._last_stamp_s
         if not spacing_s > 0.0:
@@ -97,19 +95,19 @@ class ImuSampler:
             return None
         dt_s = stamp_s - self._end_s
         mean = self._sum / self._count
-        gyro = mean[3:]
+        gyro = np.array(imu.gyro_frd_radps)
         mean_s = self._stamp_sum_s / self._count
         missing_s = dt_s - self._typical_s if dt_s > GAP_SHARE * self._typical_s else 0.0
         self._typical_s += 0.05 * (min(dt_s, 2.0 * self._typical_s) - self._typical_s)
         if missing_s == 0.0:
             blend = dt_s / (dt_s + GYRO_RATE_TIME_CONSTANT_S)
-            # Uneven groups of samples: their means are not as far apart as their ends.
-            slope = (gyro - self._gyro) / (mean_s - self._gyro_mean_s)
+            # From end to end: the mean derivative of the very interval whose mean acceleration it goes with.
+            slope = (gyro - self._gyro) / dt_s
             self._gyro_rate = self._gyro_rate + blend * (slope - self._gyro_rate)
         else:
             self._gyro_rate = np.zeros(3)
-        interval = ImuInterval(stamp_s, mean_s, dt_s, missing_s, mean[:3].copy(), gyro, self._gyro_rate)
-        self._gyro, self._gyro_mean_s = gyro, mean_s
+        interval = ImuInterval(stamp_s, mean_s, dt_s, missing_s, mean[:3].copy(), mean[3:], self._gyro_rate)
+        self._gyro = gyro
         self._end_s = stamp_s
         self._due_s += self._period_s
         if abs(self._due_s - stamp_s - self._period_s) > self._period_s:

@@ -1,0 +1,232 @@
+"""A flight in virtual time: the whole engine against the simulated autopilot, with a link that can be spoiled."""
+
+import copy
+import copyreg
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pymavlink.dialects.v20 import common as mavlink
+
+from swingd.engine import Engine
+from swingd.link.codec import Codec
+from swingd.model.actions import Action, Health, Setpoint, StatusText, SwingReport
+from swingd.model.parameters import Mode, Parameters
+from swingd.record.event_log import EventLogWriter
+from swingd.sim.autopilot import NavState
+from swingd.sim.lockstep import Lockstep
+from swingd.sim.peer import SimulatedAutopilot
+from swingd.sim.plant import DT_S, Truth
+
+TICK_S = 0.05
+REFERENCE_S = 0.1
+ALLOWED = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+    mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
+    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+    mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY,
+    mavlink.MAVLINK_MSG_ID_STATUSTEXT,
+    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
+}
+"""All that swingd may ever say to an autopilot; of commands only SET_MESSAGE_INTERVAL."""
+
+# Lets a flight be copied: pymavlink's packer keeps compiled formats.
+copyreg.pickle(struct.Struct, lambda compiled: (struct.Struct, (compiled.format,)))  # type: ignore[arg-type]
+
+Spoil = Callable[[float, list[bytes]], list[bytes]]
+FloatArray = npt.NDArray[np.float64]
+
+
+def hold(parameters: Parameters | None = None, **simulation: Any) -> Parameters:
+    """Mode hold, a low take-off, and changes of the simulation."""
+    parameters = parameters or Parameters()
+    simulation = {"takeoff_altitude_m": 6.0, **simulation}
+    return replace(parameters, mode=Mode.HOLD, simulation=replace(parameters.simulation, **simulation))
+
+
+class Flight:
+    """One vehicle, one engine, one clock.
+
+    Every frame that the engine sends, on any flight, must be of a kind that can neither arm nor change a mode.
+
+    Parameters
+    ----------
+    truth : Parameters
+        What flies.
+    parameters : Parameters, optional
+        What swingd believes; the truth where not given.
+    """
+
+    def __init__(
+        self,
+        truth: Parameters,
+        parameters: Parameters | None = None,
+        *,
+        px4: dict[str, float] | None = None,
+        log: EventLogWriter | None = None,
+    ) -> None:
+        self.peer = SimulatedAutopilot(truth, px4)
+        self.engine = Engine(parameters or truth, self._see, log)
+        self.lockstep = Lockstep(self.peer, self._companion, self._on_step)
+        self.spoil: Spoil | None = None
+        """Gets the time and the autopilot's frames of one step; returns what arrives."""
+        self.reference: tuple[float, float, float] | None = None
+        """Velocity that an application repeats to swingd, NED [m/s]."""
+        self.reference_yaw_rad: Callable[[float], float] | None = None
+        self.tlog: list[tuple[float, bytes]] | None = None
+        self._codec = Codec(255, 190)
+        self._splitter = Codec(1, 1)
+        self._checker = Codec(1, 1)
+        self._tick_s = 0.0
+        self._reference_s = 0.0
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop what was recorded so far."""
+        self.truths: list[Truth] = []
+        self.reports: list[SwingReport] = []
+        self.setpoints: list[tuple[float, Setpoint]] = []
+        self.texts: list[tuple[float, str]] = []
+        self.sent_ids: set[int] = set()
+
+    def fork(self) -> "Flight":
+        """Return an independent copy that flies on from here with empty records."""
+        self.forget()
+        return copy.deepcopy(self)
+
+    @property
+    def t_s(self) -> float:
+        return self.peer.t_s
+
+    @property
+    def nav_state(self) -> NavState:
+        return self.peer.autopilot.nav_state
+
+    @property
+    def health(self) -> Health:
+        return self.engine.pipeline.health
+
+    # ---- the loop
+
+    def run(self, duration_s: float) -> "Flight":
+        self.lockstep.run_until(self.t_s + duration_s)
+        return self
+
+    def run_while(self, condition: Callable[[], bool], at_most_s: float) -> "Flight":
+        end_s = self.t_s + at_most_s
+        while condition():
+            assert self.t_s < end_s, f"{self.nav_state}, {self.health}, {self.texts}"
+            self.run(0.1)
+        return self
+
+    def _on_step(self, t_s: float) -> None:
+        self.truths.append(self.peer.truth())
+        if self.reference is not None and t_s >= self._reference_s:
+            self._reference_s = t_s + REFERENCE_S
+            mask = 0b0000_1101_1100_0111
+            yaw_rad = 0.0
+            if self.reference_yaw_rad is not None:
+                mask &= ~mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
+                yaw_rad = self.reference_yaw_rad(t_s)
+            self.peer.send_to_companion(
+                mavlink.MAVLink_set_position_target_local_ned_message(
+                    0, 1, 191, 1, mask, 0.0, 0.0, 0.0, *self.reference, 0.0, 0.0, 0.0, yaw_rad, 0.0
+                )
+            )
+
+    def _companion(self, t_s: float, data: bytes) -> bytes:
+        if self.spoil is not None:
+            data = b"".join(self.spoil(t_s, [frame.raw for frame in self._splitter.receive(data)]))
+        if self.tlog is not None:
+            self.tlog += [(t_s, frame.raw) for frame in self._splitter.receive(data)]
+        sent = self.engine.receive(t_s, data)
+        if t_s >= self._tick_s:
+            self._tick_s += TICK_S
+            sent += self.engine.tick(t_s)
+        for raw in sent:
+            self._check(raw)
+        return b"".join(sent)
+
+    def _check(self, raw: bytes) -> None:
+        for frame in self._checker.receive(raw):
+            assert frame.msg_id in ALLOWED, frame.message
+            self.sent_ids.add(frame.msg_id)
+            if frame.msg_id == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
+                assert frame.message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+
+    def _see(self, t_s: float, action: Action) -> None:
+        if isinstance(action, SwingReport):
+            self.reports.append(action)
+        elif isinstance(action, Setpoint):
+            self.setpoints.append((t_s, action))
+        elif isinstance(action, StatusText):
+            self.texts.append((t_s, action.text))
+
+    # ---- the pilot
+
+    def command(self, command: int, *params: float) -> None:
+        """Send a command as a ground station would."""
+        padded = (*params, *(0.0 for _ in range(7 - len(params))))
+        self.peer.receive(self._codec.encode(mavlink.MAVLink_command_long_message(1, 1, command, 0, *padded)))
+
+    def take_off(self) -> "Flight":
+        """Climb and wait until the estimate is good."""
+        self.run(2.5)
+        self.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, *(math.nan for _ in range(4)))
+        self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        height_m = self.peer.px4["MIS_TAKEOFF_ALT"]
+        self.run_while(lambda: -self.peer.truth().pos_ned_m[2] < 0.95 * height_m, 20.0)
+        return self.run(3.0)
+
+    def enter_offboard(self) -> "Flight":
+        """Ask for OFFBOARD as a pilot would and wait until swingd has seen it."""
+        self.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 6.0)
+        return self.run(1.2)
+
+    def leave_offboard(self) -> None:
+        self.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 3.0)
+
+    def kick(self, ahead_mps: float, right_mps: float) -> None:
+        """Give the load a blow, in the heading frame."""
+        yaw = self.peer.truth().yaw_rad
+        north = math.cos(yaw) * ahead_mps - math.sin(yaw) * right_mps
+        east = math.sin(yaw) * ahead_mps + math.cos(yaw) * right_mps
+        self.peer.plant.kick((north, east, 0.0))
+
+    # ---- figures
+
+    def chi_rad(self, begin_s: float, end_s: float) -> FloatArray:
+        """True total swing in a window of the autopilot's clock."""
+        return np.array([truth.chi_rad for truth in self.truths if begin_s <= truth.t_boot_s < end_s])
+
+    def errors_deg(self, begin_s: float = 0.0, end_s: float = math.inf) -> FloatArray:
+        """(2, n) estimated minus true xi, zeta over the reports of a window [deg]."""
+        t = np.array([truth.t_boot_s for truth in self.truths])
+        reports = [r for r in self.reports if begin_s <= r.t_boot_s < end_s and t[0] <= r.t_boot_s <= t[-1]]
+        at = np.array([report.t_boot_s for report in reports])
+        xi = np.interp(at, t, [truth.xi_rad for truth in self.truths])
+        zeta = np.interp(at, t, [truth.zeta_rad for truth in self.truths])
+        estimated = np.array([[report.xi_rad, report.zeta_rad] for report in reports]).T
+        return np.degrees(estimated - np.array([xi, zeta]))
+
+    def rmse_deg(self, begin_s: float = 0.0, end_s: float = math.inf) -> float:
+        """Root of the mean over both axes."""
+        return float(np.sqrt(np.mean(self.errors_deg(begin_s, end_s) ** 2)))
+
+    def correction_mps2(self) -> FloatArray:
+        """(2, n) acceleration correction of each report."""
+        return np.array([report.correction_acc_ned_mps2[:2] for report in self.reports]).T
+
+
+def swing_energy(truth: Truth, length_m: float) -> float:
+    """Of the load relative to the vehicle, per mass [J/kg]."""
+    motion = np.subtract(truth.load_vel_ned_mps, truth.vel_ned_mps)
+    return 0.5 * float(motion @ motion) + 9.80665 * length_m * (1.0 - math.cos(truth.chi_rad))
+
+
+def steps(duration_s: float) -> int:
+    return round(duration_s / DT_S)
