@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from two_point_masses import model
 
+from core.two_point_masses import model
 from swingd.core import level, swing_ekf
 from swingd.core.swing_ekf import GRAVITY_MPS2
 

@@ -5,8 +5,8 @@ from math import cos, sin
 
 import numpy as np
 import pytest
-from two_point_masses import GRAVITY, model
 
+from core.two_point_masses import GRAVITY, model
 from swingd.core import swing_ekf as kernels
 
 STATES = range(20)
