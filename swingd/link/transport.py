@@ -172,6 +172,8 @@ class _Udp:
         self._peer = peer
         self._follow = peer is None
         self._closed = False
+        self._buffer = bytearray(_READ_BYTES)
+        self._view = memoryview(self._buffer)
         loop.add_reader(sock, self._readable)
 
     @property
@@ -191,8 +193,8 @@ class _Udp:
         peer = self._peer
         try:
             for _ in range(_DATAGRAMS_PER_TURN):
-                data, peer = self._sock.recvfrom(_READ_BYTES)
-                datagrams.append(data)
+                size, peer = self._sock.recvfrom_into(self._buffer)
+                datagrams.append(bytes(self._view[:size]))
         except BlockingIOError:
             pass
         except OSError:

@@ -12,6 +12,7 @@ GYRO_RATE_TIME_CONSTANT_S = 0.01
 """Low-pass on the derivative of the body rates."""
 GAP_SHARE = 3.0
 """An interval longer than this times the usual one has lost samples."""
+_NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ATTITUDE_AGE_MAX_S = 0.15
 """How far an attitude is carried ahead by the body rates."""
 YAW_JUMP_RAD = math.radians(3.0)
@@ -54,7 +55,7 @@ class ImuSampler:
 
     def __init__(self, rate_hz: float) -> None:
         self._period_s = 1.0 / rate_hz
-        self._sum = np.zeros(6)
+        self._sum = _NOTHING
         self._stamp_sum_s = 0.0
         self._count = 0
         self._sample_s = 0.25 * self._period_s
@@ -67,9 +68,7 @@ class ImuSampler:
 
     def reset(self) -> None:
         """Forget every sample; the next one begins the first interval."""
-        self._sum[:] = 0.0
-        self._stamp_sum_s = 0.0
-        self._count = 0
+        self._clear()
         self._last_stamp_s = self._end_s = self._due_s = math.nan
         self._gyro_rate[:] = 0.0
 
@@ -86,15 +85,21 @@ class ImuSampler:
             return None
         self._last_stamp_s = stamp_s
         self._sample_s += 0.05 * (min(spacing_s, self._period_s) - self._sample_s)
-        self._sum[:3] += imu.acc_frd_mps2
-        self._sum[3:] += imu.gyro_frd_radps
+        if spacing_s > GAP_SHARE * self._typical_s:
+            # A mean over both sides of a gap belongs to no time.
+            self._clear()
+        # Plain numbers: this runs at the IMU's rate, where small arrays would cost more than all the rest.
+        a, b, c = imu.acc_frd_mps2
+        p, q, r = imu.gyro_frd_radps
+        sum_a, sum_b, sum_c, sum_p, sum_q, sum_r = self._sum
+        self._sum = (sum_a + a, sum_b + b, sum_c + c, sum_p + p, sum_q + q, sum_r + r)
         self._stamp_sum_s += stamp_s
         self._count += 1
         # Half a sample early is nearer to the grid than half a sample late.
         if stamp_s < self._due_s - 0.5 * self._sample_s:
             return None
         dt_s = stamp_s - self._end_s
-        mean = self._sum / self._count
+        mean = np.array(self._sum) / self._count
         gyro = np.array(imu.gyro_frd_radps)
         mean_s = self._stamp_sum_s / self._count
         missing_s = dt_s - self._typical_s if dt_s > GAP_SHARE * self._typical_s else 0.0
@@ -106,16 +111,19 @@ class ImuSampler:
             self._gyro_rate = self._gyro_rate + blend * (slope - self._gyro_rate)
         else:
             self._gyro_rate = np.zeros(3)
-        interval = ImuInterval(stamp_s, mean_s, dt_s, missing_s, mean[:3].copy(), mean[3:], self._gyro_rate)
+        interval = ImuInterval(stamp_s, mean_s, dt_s, missing_s, mean[:3], mean[3:], self._gyro_rate)
         self._gyro = gyro
         self._end_s = stamp_s
         self._due_s += self._period_s
         if abs(self._due_s - stamp_s - self._period_s) > self._period_s:
             self._due_s = stamp_s + self._period_s
-        self._sum[:] = 0.0
+        self._clear()
+        return interval
+
+    def _clear(self) -> None:
+        self._sum = _NOTHING
         self._stamp_sum_s = 0.0
         self._count = 0
-        return interval
 
 
 @dataclass(frozen=True, slots=True)

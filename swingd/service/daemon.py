@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import signal
 import time
 from collections.abc import Callable
@@ -74,6 +75,9 @@ class Daemon:
         self._log.info("serving", link=link, mode=self._parameters.mode.value, version=swingd.__version__)
         if on_ready is not None:
             on_ready()
+        # What was loaded at the start stays: the collector need not walk through it while a setpoint is due.
+        gc.collect()
+        gc.freeze()
         try:
             await self._tick_until_stopped()
         finally:
@@ -118,9 +122,9 @@ class Daemon:
 
     def _send(self, frames: list[bytes]) -> None:
         transport = self._transport
-        if transport is not None:
-            for frame in frames:
-                transport.send(frame)
+        if transport is not None and frames:
+            # One datagram for what belongs together: a system call costs more than a frame.
+            transport.send(b"".join(frames))
 
     def _see(self, _t_mono_s: float, action: Action) -> None:
         if isinstance(action, SwingReport):
