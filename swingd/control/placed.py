@@ -30,6 +30,8 @@ _PHASE_MAX = 4.0
 """Modulus of a wanted pole times the delay: beyond it the answer comes a good half cycle late."""
 _SETTLED_SHARE = 0.02
 """Of the swing's frequency: poles slower than this belong to the integrator, the leak and the washout."""
+_STANDING_SHARE = 1e-6
+"""Of the natural frequency: a pole slower than this stands still, and its damping means nothing."""
 _MARGIN = 0.4
 """Least distance of the loop's frequency response from -1."""
 _RATIO_STEPS = 20
@@ -94,10 +96,11 @@ class _Loop:
         return unstable == 0 and float(np.min(np.abs(closed / own))) >= _MARGIN
 
     def poles(self, polynomial: Polynomial) -> list[complex]:
-        """Roots, in a unit of time that keeps the coefficients within reach of each other."""
+        """Roots that move, found in a unit of time that keeps the coefficients within reach of each other."""
         coefficients = np.asarray(polynomial.coef, dtype=float)
         scaled = Polynomial(coefficients * self.natural_radps ** np.arange(coefficients.size))
-        return [complex(root) * self.natural_radps for root in np.asarray(scaled.roots(), dtype=complex)]
+        roots = [complex(root) for root in np.asarray(scaled.roots(), dtype=complex)]
+        return [root * self.natural_radps for root in roots if abs(root) > _STANDING_SHARE]
 
 
 def _loop(parameters: Parameters) -> _Loop:
