@@ -169,8 +169,9 @@ class HealthWatch:
             missing = "IMU" if imu_s is None else "attitude"
             return Assessment(Health.INIT, f"waiting for the autopilot's {missing}")
         if imu_s > self._max_gap_s or attitude_s > self._max_gap_s:
-            which, age = ("IMU", imu_s) if imu_s > self._max_gap_s else ("attitude", attitude_s)
-            return Assessment(Health.FAULT, f"no {which} for {age:.1f} s")
+            which = "IMU" if imu_s > self._max_gap_s else "attitude"
+            # The same words for as long as it lasts: they are told once.
+            return Assessment(Health.FAULT, f"no {which} for more than {self._max_gap_s:g} s")
         if len(self._resets_s) == 3 and t_mono_s - self._resets_s[0] < 10.0:
             return Assessment(Health.FAULT, "the filter diverged three times in 10 s")
         if payload is not PayloadState.ATTACHED:

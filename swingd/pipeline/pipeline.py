@@ -1,6 +1,7 @@
 """The order of the stages: one event in, the actions it causes out."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -109,6 +110,7 @@ class Pipeline:
         self._told: tuple[Health, str] | None = None
         self._told_s = -math.inf
         self._position: LocalPosition | None = None
+        self._blind_s = 0.0
         self._estimate = self._estimator.estimate()
         self._acc_slow = np.zeros(3)
         self._vel_level = np.zeros(3)
@@ -197,6 +199,7 @@ class Pipeline:
             case AutopilotRestart():
                 self._sampler.reset()
                 self._attitude.reset()
+                self._blind_s = 0.0
                 self._thrust.reset_clock()
                 self._position = None
                 self._streams.restarted()
@@ -224,9 +227,17 @@ class Pipeline:
     def _filter_step(self, interval: ImuInterval) -> list[Action]:
         tilt = self._attitude.at(interval)
         if tilt is None:
+            # Without an attitude the samples say nothing, but the time has passed.
+            self._blind_s += interval.dt_s
             return []
+        if self._blind_s > 0.0:
+            interval = replace(
+                interval, dt_s=interval.dt_s + self._blind_s, missing_s=interval.missing_s + self._blind_s
+            )
+            self._blind_s = 0.0
         if interval.dt_s > self._parameters.estimator.max_gap_s:
-            self._reset(ResetReason.GAP)
+            if self._payload.state is PayloadState.ATTACHED:
+                self._reset(ResetReason.GAP)
             return []
         thrust = self._read_inputs(interval, tilt)
         acc, force = _vec3(self._acc_hook), _vec3(self._force)
@@ -334,9 +345,10 @@ class Pipeline:
                 parameters.mode, self._enabled, bool(self._armed), self._flight_mode, self._payload.state, health
             )
         )
-        if interval.missing_s > 0.0:
+        whole = interval.missing_s == 0.0
+        if not whole:
             self._fade.cut()
-        fade = self._fade.update(allowed, interval.dt_s)
+        fade = self._fade.update(allowed and whole, interval.dt_s)
         x, y, x_rate, y_rate = self._vector.tolist()
         wanted = self._law.acceleration(
             _turn((x, y), -tilt.level_yaw_rad), _turn((x_rate, y_rate), -tilt.level_yaw_rad)

@@ -20,7 +20,7 @@ from swingd.record.event_log import EventLogWriter
 from swingd.sim.autopilot import NavState
 from swingd.sim.lockstep import Lockstep
 from swingd.sim.peer import SimulatedAutopilot
-from swingd.sim.plant import DT_S, Truth
+from swingd.sim.plant import Truth
 
 TICK_S = 0.05
 REFERENCE_S = 0.1
@@ -76,7 +76,7 @@ class Flight:
         """Gets the time and the autopilot's frames of one step; returns what arrives."""
         self.reference: tuple[float, float, float] | None = None
         """Velocity that an application repeats to swingd, NED [m/s]."""
-        self.reference_yaw_rad: Callable[[float], float] | None = None
+        self._yaw: tuple[float, float, float] | None = None
         self.tlog: list[tuple[float, bytes]] | None = None
         self._codec = Codec(255, 190)
         self._splitter = Codec(1, 1)
@@ -123,15 +123,19 @@ class Flight:
             self.run(0.1)
         return self
 
+    def run_until_healthy(self, at_most_s: float) -> "Flight":
+        return self.run_while(lambda: self.health not in (Health.READY, Health.ACTIVE), at_most_s)
+
     def _on_step(self, t_s: float) -> None:
         self.truths.append(self.peer.truth())
         if self.reference is not None and t_s >= self._reference_s:
             self._reference_s = t_s + REFERENCE_S
             mask = 0b0000_1101_1100_0111
             yaw_rad = 0.0
-            if self.reference_yaw_rad is not None:
+            if self._yaw is not None:
                 mask &= ~mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
-                yaw_rad = self.reference_yaw_rad(t_s)
+                yaw_rad, rate_radps, since_s = self._yaw
+                yaw_rad = math.remainder(yaw_rad + rate_radps * (t_s - since_s), 2.0 * math.pi)
             self.peer.send_to_companion(
                 mavlink.MAVLink_set_position_target_local_ned_message(
                     0, 1, 191, 1, mask, 0.0, 0.0, 0.0, *self.reference, 0.0, 0.0, 0.0, yaw_rad, 0.0
@@ -197,6 +201,11 @@ class Flight:
         east = math.sin(yaw) * ahead_mps + math.cos(yaw) * right_mps
         self.peer.plant.kick((north, east, 0.0))
 
+    def turn(self, yaw_rad: float, rate_radps: float = 0.0) -> None:
+        """Let the reference have a heading from now on."""
+        self.reference = self.reference or (0.0, 0.0, 0.0)
+        self._yaw = (yaw_rad, rate_radps, self.t_s)
+
     # ---- figures
 
     def chi_rad(self, begin_s: float, end_s: float) -> FloatArray:
@@ -226,7 +235,3 @@ def swing_energy(truth: Truth, length_m: float) -> float:
     """Of the load relative to the vehicle, per mass [J/kg]."""
     motion = np.subtract(truth.load_vel_ned_mps, truth.vel_ned_mps)
     return 0.5 * float(motion @ motion) + 9.80665 * length_m * (1.0 - math.cos(truth.chi_rad))
-
-
-def steps(duration_s: float) -> int:
-    return round(duration_s / DT_S)

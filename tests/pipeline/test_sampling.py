@@ -73,6 +73,7 @@ def test_a_steady_stream_has_no_gap_and_a_gap_is_told_once(rate_hz: float) -> No
     assert [round(gap.t_boot_s, 1) for gap in gaps] == [10.3]
     assert gaps[0].dt_s - 2.5 * max(1.0 / rate_hz, 0.01) < gaps[0].missing_s < gaps[0].dt_s
     assert not gaps[0].gyro_rate_frd.any()
+    assert gaps[0].t_mean_s >= 10.3, "no sample from before the gap is in the mean"
 
 
 @given(st.lists(st.floats(-0.05, 0.5), min_size=2, max_size=200), st.sampled_from([50.0, 100.0, 250.0]))
