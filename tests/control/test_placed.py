@@ -1,7 +1,6 @@
 """The placed design against an independent state-space model of the same loop, its delay exact."""
 
 import dataclasses
-import functools
 import math
 
 import numpy as np
@@ -87,23 +86,19 @@ def spectrum(A0, A1, delay_s, nodes=8):
 
 def simulate(A0, A1, delay_s, history, duration_s, steps_per_delay=10):
     """Method of steps: classical Runge-Kutta, the delayed state by cubic Hermite interpolation of the past."""
-    h = delay_s / steps_per_delay
-    past = np.array([history(-delay_s + k * h) for k in range(steps_per_delay + 1)])
-    states = [past[0]]
-    states.extend(past[1:])
+    n, h = steps_per_delay, delay_s / steps_per_delay
+    # One step more of the past than the delay: the slope at its oldest point is a central difference.
+    states = [history(k * h) for k in range(-n - 1, 1)]
     for _ in range(round(duration_s / h)):
-        late0, late1 = states[-steps_per_delay - 1], states[-steps_per_delay]
-        before, after = states[-steps_per_delay - 2] if len(states) > steps_per_delay + 1 else late0, None
-        after = states[-steps_per_delay + 1]
-        slope0, slope1 = 0.5 * (late1 - before), 0.5 * (after - late0)
-        middle = 0.5 * (late0 + late1) + 0.125 * (slope0 - slope1)
+        before, late0, late1, after = states[-n - 2], states[-n - 1], states[-n], states[-n + 1]
+        middle = 0.5 * (late0 + late1) + 0.0625 * ((late1 - before) - (after - late0))
         x = states[-1]
         k1 = A0 @ x + A1 @ late0
         k2 = A0 @ (x + 0.5 * h * k1) + A1 @ middle
         k3 = A0 @ (x + 0.5 * h * k2) + A1 @ middle
         k4 = A0 @ (x + h * k3) + A1 @ late1
         states.append(x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
-    return h, np.array(states[steps_per_delay:])
+    return h, np.array(states[n + 1 :])
 
 
 def no_gains(found: PlacedDesign) -> PlacedDesign:
@@ -193,8 +188,11 @@ def test_the_swings_mode_decays_with_the_promised_damping(name):
 
 def test_a_swing_from_rest_dies_within_a_period():
     found = design(iris())
-    # The correction begins at t = 0: nothing is known of the past.
-    history = functools.partial(lambda t: np.eye(8)[R] * (t >= -1e-9))
+
+    def history(t):
+        """The correction begins at t = 0: nothing is known of the past."""
+        return np.eye(8)[R] * (t >= 0.0)
+
     h, states = simulate(*loop(iris(), found), history, 8.0)
     one_period = round(2.0 * math.pi * math.sqrt(1.5 / G) / h)
     assert np.abs(states[one_period:, R]).max() < 0.1
@@ -263,7 +261,7 @@ def within_bounds(kind, *names):
     return st.builds(kind, **strategies)
 
 
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=250, deadline=None, derandomize=True)
 @given(
     vehicle=within_bounds(Vehicle, "mass_kg"),
     payload=within_bounds(Payload),

@@ -200,7 +200,7 @@ ANY = st.floats(allow_nan=True, allow_infinity=True) | st.sampled_from([0.0, -0.
 
 
 @JIT
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400, deadline=None, derandomize=True)
 @given(
     x=hnp.arrays(float, 7, elements=ANY),
     P=hnp.arrays(float, (7, 7), elements=ANY) | st.just(P_START),
@@ -222,7 +222,7 @@ def test_no_bits_raise_and_what_is_ok_is_finite(x, P, u, z, noise, scalars, sche
 
 
 @JIT
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200, deadline=None, derandomize=True)
 @given(
     x=hnp.arrays(float, 7, elements=st.floats(-1.4, 1.4)),
     u=hnp.arrays(float, 3, elements=st.floats(-1e4, 1e4)),

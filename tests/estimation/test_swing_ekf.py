@@ -363,7 +363,7 @@ def test_an_invalid_force_leaves_the_estimate(bad):
 ANY = st.floats(allow_nan=True, allow_infinity=True) | st.floats(-1e3, 1e3)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(
     steps=st.lists(
         st.tuples(hnp.arrays(float, 3, elements=ANY), hnp.arrays(float, 3, elements=ANY), st.floats(-1.0, 0.2) | ANY),
