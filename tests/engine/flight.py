@@ -78,6 +78,7 @@ class Flight:
         """Velocity that an application repeats to swingd, NED [m/s]."""
         self._yaw: tuple[float, float, float] | None = None
         self.tlog: list[tuple[float, bytes]] | None = None
+        self.frames_sent = 0
         self._codec = Codec(255, 190)
         self._splitter = Codec(1, 1)
         self._checker = Codec(1, 1)
@@ -151,6 +152,7 @@ class Flight:
         if t_s >= self._tick_s:
             self._tick_s += TICK_S
             sent += self.engine.tick(t_s)
+        self.frames_sent += len(sent)
         for raw in sent:
             self._check(raw)
         return b"".join(sent)
