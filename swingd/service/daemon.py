@@ -48,7 +48,7 @@ class Daemon:
         self._meter = Meter()
         self._transport: Transport | None = None
         self._stop = asyncio.Event()
-        self._setpoint_made = False
+        self._setpoints_made = 0
         self._known = False
 
     async def run(self, on_ready: Callable[[], None] | None = None) -> Summary:
@@ -111,10 +111,13 @@ class Daemon:
 
     def _received(self, data: bytes) -> None:
         received_s = time.monotonic()
-        self._setpoint_made = False
+        self._setpoints_made = 0
         self._send(self._engine.receive(received_s, data))
-        if self._setpoint_made:
-            self._meter.setpoint(time.monotonic() - received_s)
+        if self._setpoints_made:
+            # A busy host finds several IMU frames waiting; each of them has its setpoint.
+            latency_s = time.monotonic() - received_s
+            for _ in range(self._setpoints_made):
+                self._meter.setpoint(latency_s)
         if not self._known and self._engine.adapter.autopilot is not None:
             self._known = True
             autopilot = self._engine.adapter.autopilot
@@ -130,7 +133,7 @@ class Daemon:
         if isinstance(action, SwingReport):
             self._meter.report(action)
         elif isinstance(action, Setpoint):
-            self._setpoint_made = True
+            self._setpoints_made += 1
         elif isinstance(action, StatusText):
             getattr(self._log, level_of(action.severity))(action.text)
 
