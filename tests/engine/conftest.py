@@ -8,9 +8,14 @@ from .flight import Flight, hold
 
 
 @pytest.fixture(scope="session")
-def _hovering() -> Flight:
-    flight = Flight(hold()).take_off().enter_offboard()
-    return flight.run(2.0)
+def taken_off() -> Flight:
+    """In the air, not in OFFBOARD, with the records since the start; only to be looked at and forked."""
+    return Flight(hold()).take_off()
+
+
+@pytest.fixture(scope="session")
+def _hovering(taken_off: Flight) -> Flight:
+    return taken_off.fork().enter_offboard().run(2.0)
 
 
 @pytest.fixture

@@ -96,8 +96,11 @@ class Flight:
 
     def fork(self) -> "Flight":
         """Return an independent copy that flies on from here with empty records."""
+        kept = self.truths, self.reports, self.setpoints, self.texts, self.sent_ids
         self.forget()
-        return copy.deepcopy(self)
+        fork = copy.deepcopy(self)
+        self.truths, self.reports, self.setpoints, self.texts, self.sent_ids = kept
+        return fork
 
     @property
     def t_s(self) -> float:

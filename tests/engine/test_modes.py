@@ -37,22 +37,21 @@ def test_in_shadow_no_setpoint_ever_leaves() -> None:
     assert flight.peer.companion.setpoints == 0
 
 
-def test_from_ready_on_the_reference_is_streamed_whatever_the_mode() -> None:
-    flight = Flight(hold(), px4={"COM_OBL_RC_ACT": 5})
-    flight.take_off()
-    ready_s = next(report.t_boot_s for report in flight.reports if report.health is Health.READY)
-    times = [t_s for t_s, _ in flight.setpoints]
+def test_from_ready_on_the_reference_is_streamed_whatever_the_mode(taken_off: Flight) -> None:
+    assert taken_off.nav_state is NavState.LOITER
+    ready_s = next(report.t_boot_s for report in taken_off.reports if report.health is Health.READY)
+    times = [t_s for t_s, _ in taken_off.setpoints]
     assert times[0] == pytest.approx(ready_s, abs=0.02)
-    assert max(b - a for a, b in itertools.pairwise([*times, flight.t_s])) < 0.05
-    assert flight.nav_state is NavState.LOITER
-    flight.kick(1.5, -1.0)
-    flight.run(2.0)
-    assert flight.health is Health.READY
-    for _, setpoint in flight.setpoints:
+    assert max(b - a for a, b in itertools.pairwise([*times, taken_off.t_s])) < 0.05
+    assert taken_off.sent_ids == ALLOWED
+    swinging = taken_off.fork()
+    swinging.kick(1.5, -1.0)
+    swinging.run(2.0)
+    assert swinging.health is Health.READY
+    for _, setpoint in taken_off.setpoints + swinging.setpoints:
         assert not setpoint.use & ACC, "no correction outside of OFFBOARD, however much it swings"
         assert setpoint.vel_ned_mps == (0.0, 0.0, 0.0)
-    assert all(report.correction_acc_ned_mps2 == (0.0, 0.0, 0.0) for report in flight.reports)
-    assert flight.sent_ids == ALLOWED
+    assert all(report.correction_acc_ned_mps2 == (0.0, 0.0, 0.0) for report in swinging.reports)
 
 
 def test_each_entry_of_offboard_begins_at_zero(hovering: Callable[[], Flight]) -> None:
@@ -133,19 +132,17 @@ def test_new_parameters_in_flight_keep_the_vehicle_in_offboard(hovering: Callabl
     assert all(report.correction_acc_ned_mps2 == (0.0, 0.0, 0.0) for report in settling)
 
 
-def test_the_state_is_told_without_a_flood() -> None:
-    flight = Flight(hold()).take_off()
-    flight.enter_offboard().run(1.5)
-    words = [text for _, text in flight.texts if text.startswith("swingd")]
-    assert words == [
+def test_the_state_is_told_without_a_flood(taken_off: Flight) -> None:
+    flight = taken_off.fork().enter_offboard().run(1.5)
+    told = [text for _, text in taken_off.texts + flight.texts]
+    assert [text for text in told if text.startswith("swingd")] == [
         "swingd init: load on ground",
         "swingd init: load lifting",
         "swingd init: the estimate is settling",
         "swingd ready",
         "swingd active",
     ]
-    heard = [text for _, _, text in flight.peer.companion.status_texts]
-    assert heard == [text for _, text in flight.texts]
+    assert [text for _, _, text in flight.peer.companion.status_texts] == told
     assert flight.t_s - flight.peer.companion.heartbeat_t_s < 1.1
     received_hz = len(flight.peer.companion.reports) / flight.t_s
     assert received_hz == pytest.approx(50.0, rel=0.1)
