@@ -24,15 +24,16 @@ from swingd.sim.plant import Truth
 
 TICK_S = 0.05
 REFERENCE_S = 0.1
-ALLOWED = {
+SAID = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT,
     mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
     mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY,
     mavlink.MAVLINK_MSG_ID_STATUSTEXT,
-    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
 }
-"""All that swingd may ever say to an autopilot; of commands only SET_MESSAGE_INTERVAL."""
+"""What swingd says in mode hold; of commands only SET_MESSAGE_INTERVAL."""
+QUESTIONS = {mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ, mavlink.MAVLINK_MSG_ID_TIMESYNC}
+"""What it may ask besides: nothing that changes the autopilot's state, and no answer to a TIMESYNC."""
 
 # Lets a flight be copied: pymavlink's packer keeps compiled formats.
 copyreg.pickle(struct.Struct, lambda compiled: (struct.Struct, (compiled.format,)))  # type: ignore[arg-type]
@@ -162,10 +163,12 @@ class Flight:
 
     def _check(self, raw: bytes) -> None:
         for frame in self._checker.receive(raw):
-            assert frame.msg_id in ALLOWED, frame.message
+            assert frame.msg_id in SAID | QUESTIONS, frame.message
             self.sent_ids.add(frame.msg_id)
             if frame.msg_id == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
                 assert frame.message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+            if frame.msg_id == mavlink.MAVLINK_MSG_ID_TIMESYNC:
+                assert frame.message.tc1 == 0
 
     def _see(self, t_s: float, action: Action) -> None:
         if isinstance(action, SwingReport):

@@ -13,7 +13,7 @@ from swingd.model.events import SetpointUse
 from swingd.model.parameters import Mode
 from swingd.sim.autopilot import NavState
 
-from .flight import ALLOWED, Flight, hold
+from .flight import QUESTIONS, SAID, Flight, hold
 
 ACC = SetpointUse.ACC_N | SetpointUse.ACC_E
 SETPOINT = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
@@ -33,7 +33,7 @@ def test_in_shadow_no_setpoint_ever_leaves() -> None:
     flight.enter_offboard()
     assert flight.nav_state is not NavState.OFFBOARD, "nobody streams setpoints"
     assert flight.setpoints == []
-    assert flight.sent_ids == ALLOWED - {SETPOINT}
+    assert flight.sent_ids - QUESTIONS == SAID - {SETPOINT}
     assert flight.peer.companion.setpoints == 0
 
 
@@ -43,7 +43,7 @@ def test_from_ready_on_the_reference_is_streamed_whatever_the_mode(taken_off: Fl
     times = [t_s for t_s, _ in taken_off.setpoints]
     assert times[0] == pytest.approx(ready_s, abs=0.02)
     assert max(b - a for a, b in itertools.pairwise([*times, taken_off.t_s])) < 0.05
-    assert taken_off.sent_ids == ALLOWED
+    assert taken_off.sent_ids - QUESTIONS == SAID
     swinging = taken_off.fork()
     swinging.kick(1.5, -1.0)
     swinging.run(2.0)
