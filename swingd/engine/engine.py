@@ -71,6 +71,7 @@ class Engine:
         """Begin anew with other parameters on the same link; ``text`` is what a log keeps of them."""
         if self._log is not None:
             self._log.parameters(t_mono_s, text)
+        self.adapter.configure_motors(parameters.thrust)
         return self._take(ParametersChange(t_mono_s, parameters))
 
     def _take(self, event: Event) -> list[bytes]:

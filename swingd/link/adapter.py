@@ -14,6 +14,7 @@ from swingd.link.codec import Codec, Frame
 from swingd.link.swing_message import float32
 from swingd.model.actions import (
     Action,
+    ClockRequest,
     Health,
     Heartbeat,
     Setpoint,
@@ -36,6 +37,7 @@ from swingd.model.events import (
     LandedState,
     LocalPosition,
     Motors,
+    RoundTrip,
     SetpointUse,
     Stream,
     StreamRefused,
@@ -46,6 +48,7 @@ from swingd.model.events import (
 from swingd.model.parameters import Link, Thrust
 
 _BY_NAME = -1
+_CLOCK_REQUESTS_KEPT = 64
 # Plain integers: arithmetic with flags costs a microsecond each.
 _FORCE_BIT = 0x200
 _USE_MASK = 0xDFF
@@ -213,12 +216,7 @@ class AutopilotAdapter:
     """
 
     def __init__(self, link: Link, thrust: Thrust) -> None:
-        span = thrust.motor_output_max - thrust.motor_output_min
-        if span == 0.0:
-            raise ConfigurationError(
-                f"thrust.motor_output_max: {thrust.motor_output_max} equals thrust.motor_output_min; "
-                "expected the outputs that mean full and no thrust"
-            )
+        self.configure_motors(thrust)
         self.codec = Codec(link.system_id or 1, link.component_id)
         self.autopilot: AutopilotId | None = None
         """The autopilot that is served; None until its HEARTBEAT is heard."""
@@ -228,15 +226,31 @@ class AutopilotAdapter:
         """Samples that became events."""
         self._system_id_wanted = link.system_id
         self._component_id = link.component_id
+        self._requests: deque[tuple[int, _Request]] = deque(maxlen=_ACKS_AWAITED)
+        self._clock_requests: deque[int] = deque(maxlen=_CLOCK_REQUESTS_KEPT)
+        self._t_mono_s = 0.0
+        self._text_id = 0
+        self._state = self._anew()
+
+    def configure_motors(self, thrust: Thrust) -> None:
+        """Take how motor outputs are normalised.
+
+        Raises
+        ------
+        ConfigurationError
+            If ``motor_output_min`` equals ``motor_output_max``.
+        """
+        span = thrust.motor_output_max - thrust.motor_output_min
+        if span == 0.0:
+            raise ConfigurationError(
+                f"thrust.motor_output_max: {thrust.motor_output_max} equals thrust.motor_output_min; "
+                "expected the outputs that mean full and no thrust"
+            )
         self._motor_min = thrust.motor_output_min
         self._motor_gain = 1.0 / span
         self._motor_low = min(thrust.motor_output_min, thrust.motor_output_max)
         self._motor_high = max(thrust.motor_output_min, thrust.motor_output_max)
         self._motor_count = thrust.motor_count
-        self._requests: deque[tuple[int, _Request]] = deque(maxlen=_ACKS_AWAITED)
-        self._t_mono_s = 0.0
-        self._text_id = 0
-        self._state = self._anew()
 
     def _anew(self) -> _State:
         return _State(driven=tuple(range(self._motor_count)))
@@ -475,6 +489,13 @@ class AutopilotAdapter:
             reason = f"{name}: {result.name if result else m.result}"
             events.append(StreamRefused(t_mono_s, request.stream, reason))
 
+    def _timesync(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
+        m = frame.message
+        # The autopilot's own requests (tc1 = 0) are not answered: a companion that answers badly spoils its clock.
+        if m.tc1 != 0 and m.ts1 in self._clock_requests:
+            self._clock_requests.remove(m.ts1)
+            events.append(RoundTrip(t_mono_s, max(t_mono_s - m.ts1 * 1e-9, 0.0)))
+
     def _param_value(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
         assert self.autopilot is not None
         m = frame.message
@@ -627,6 +648,8 @@ class AutopilotAdapter:
                     data = self._encode_text(action)
                 case StreamRequest():
                     data = self._encode_request(autopilot, action)
+                case ClockRequest():
+                    data = self._encode_clock_request(action)
                 case VoltageCompensationRequest():
                     data = self._encode_parameter_read(autopilot)
         if data is None:
@@ -690,6 +713,13 @@ class AutopilotAdapter:
             )
         return data
 
+    def _encode_clock_request(self, action: ClockRequest) -> bytes | None:
+        if not math.isfinite(action.t_mono_s):
+            return None
+        asked_ns = round(action.t_mono_s * 1e9)
+        self._clock_requests.append(asked_ns)
+        return self.codec.encode(mavlink.MAVLink_timesync_message(0, asked_ns))
+
     def _encode_parameter_read(self, autopilot: AutopilotId) -> bytes | None:
         name = _VOLTAGE_COMPENSATION.get(autopilot.kind)
         if name is None:
@@ -709,6 +739,7 @@ _HANDLERS: dict[int, _Handler] = {
     mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: AutopilotAdapter._imu,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: AutopilotAdapter._attitude,
     mavlink.MAVLINK_MSG_ID_PARAM_VALUE: AutopilotAdapter._param_value,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: AutopilotAdapter._timesync,
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: AutopilotAdapter._attitude_quaternion,
     mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: AutopilotAdapter._attitude_target,
     mavlink.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS: AutopilotAdapter._actuator_output_status,

@@ -89,10 +89,17 @@ class VoltageCompensationRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class ClockRequest:
+    """Ask for the autopilot's clock: the answer tells how long the link takes there and back."""
+
+    t_mono_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Heartbeat:
     """swingd is alive, in this state."""
 
     health: Health
 
 
-Action = Setpoint | SwingReport | StatusText | StreamRequest | VoltageCompensationRequest | Heartbeat
+Action = Setpoint | SwingReport | StatusText | StreamRequest | VoltageCompensationRequest | ClockRequest | Heartbeat

@@ -16,6 +16,7 @@ class ResetReason(Enum):
     GAP = "gap in the IMU stream"
     CLOCK = "autopilot restarted or its clock jumped"
     LIFT = "load lifted"
+    SLACK = "cable slack"
     PARAMETERS = "parameters changed"
     ANGLE = "swing beyond what a hanging load can do"
     COVARIANCE = "covariance out of bounds"

@@ -145,6 +145,15 @@ class VoltageCompensation:
     active: bool
 
 
+@dataclass(frozen=True, slots=True)
+class RoundTrip:
+    """The autopilot answered a `ClockRequest`."""
+
+    t_mono_s: float
+    round_trip_s: float
+    """From the request to the answer, both on the host's clock [s]."""
+
+
 class SetpointUse(IntFlag):
     """Which groups of a setpoint are meant (bits of POSITION_TARGET_TYPEMASK inverted, per axis)."""
 
@@ -213,6 +222,7 @@ Event = (
     | AutopilotRestart
     | StreamRefused
     | VoltageCompensation
+    | RoundTrip
     | AppSetpoint
     | CorrectionSwitch
     | ParametersChange

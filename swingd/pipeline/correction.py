@@ -13,24 +13,29 @@ class Correction:
     """
 
     def __init__(self, control: Control) -> None:
-        self._control = control
+        self.configure(control)
         self.reset()
+
+    def configure(self, control: Control) -> None:
+        """Take other limits; what is being given goes on from where it is."""
+        self._control = control
 
     def reset(self) -> None:
         """Start from zero."""
-        self._slow: Vec2 | None = None
+        self._wanted: Vec2 = (0.0, 0.0)
+        self._slow: Vec2 = (0.0, 0.0)
         self._acc: Vec2 = (0.0, 0.0)
         self._vel: Vec2 = (0.0, 0.0)
         self.limited_s = 0.0
         """For how long without a break the correction has been at a limit [s]."""
 
-    def update(self, wanted_mps2: Vec2, fade: float, dt_s: float) -> tuple[Vec2, Vec2]:
+    def update(self, wanted_mps2: Vec2 | None, fade: float, dt_s: float) -> tuple[Vec2, Vec2]:
         """Take the law's acceleration; return acceleration [m/s^2] and velocity [m/s] to add to the setpoint.
 
         Parameters
         ----------
         wanted_mps2 : (2,)
-            What the law asks for.
+            What the law asks for; None where it may not be asked: what it asked last is then faded.
         fade : float
             0 (nothing leaves) to 1.
         dt_s : float
@@ -41,12 +46,16 @@ class Correction:
             self.reset()
             return (0.0, 0.0), (0.0, 0.0)
         # The slow part starts at zero: a wind that holds the load aside is washed out, a swing at entry is answered.
-        slow_x, slow_y = self._slow or (0.0, 0.0)
-        blend = dt_s / (dt_s + control.washout_s)
-        slow_x += blend * (wanted_mps2[0] - slow_x)
-        slow_y += blend * (wanted_mps2[1] - slow_y)
-        self._slow = (slow_x, slow_y)
-        target, cut = _limit((fade * (wanted_mps2[0] - slow_x), fade * (wanted_mps2[1] - slow_y)), control.acc_max_mps2)
+        slow_x, slow_y = self._slow
+        if wanted_mps2 is not None:
+            self._wanted = wanted_mps2
+            blend = dt_s / (dt_s + control.washout_s)
+            slow_x += blend * (wanted_mps2[0] - slow_x)
+            slow_y += blend * (wanted_mps2[1] - slow_y)
+            self._slow = (slow_x, slow_y)
+        target, cut = _limit(
+            (fade * (self._wanted[0] - slow_x), fade * (self._wanted[1] - slow_y)), control.acc_max_mps2
+        )
         step, slewed = _limit((target[0] - self._acc[0], target[1] - self._acc[1]), control.jerk_max_mps3 * dt_s)
         self._acc = (self._acc[0] + step[0], self._acc[1] + step[1])
         kept = math.exp(-dt_s / control.velocity_leak_s)

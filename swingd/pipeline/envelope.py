@@ -38,10 +38,14 @@ class Fade:
     """The one ramp between nothing and the whole correction."""
 
     def __init__(self, control: Control) -> None:
-        self._in_s = control.fade_in_s
-        self._out_s = control.fade_out_s
+        self.configure(control)
         self.value = 0.0
         """0 (nothing leaves) to 1."""
+
+    def configure(self, control: Control) -> None:
+        """Take other ramps."""
+        self._in_s = control.fade_in_s
+        self._out_s = control.fade_out_s
 
     def update(self, allowed: bool, dt_s: float) -> float:
         """Advance by ``dt_s`` towards what is allowed; return the new value."""

@@ -23,6 +23,15 @@ ANGLE_STD_READY_RAD = 0.12
 NIS_MAX = 20.0
 """Mean normalised innovation squared, 3 degrees of freedom, beyond which the filter and the world disagree."""
 NIS_TIME_CONSTANT_S = 0.5
+ROUND_TRIP_MAX_S = 0.2
+"""To the autopilot and back; beyond it the correction would come too late to damp and soon in time to drive."""
+ROUND_TRIP_SILENCE_S = 0.5
+"""Without an answer for longer, where there were answers, the link is taken to be that slow."""
+CLOCK_REQUEST_S = 0.1
+CLOCK_REQUEST_UNANSWERED_S = 1.0
+HEARTBEAT_LATE_S = 3.0
+"""A mode that was not reported for longer is not known."""
+HEARTBEAT_LOST_S = 5.0
 
 
 @dataclass(slots=True)
@@ -128,6 +137,40 @@ def _forget(arrivals: deque[float], t_mono_s: float) -> None:
         arrivals.popleft()
 
 
+class RoundTripWatch:
+    """How long the link takes to the autopilot and back; ages alone do not show a link that delays everything."""
+
+    def __init__(self) -> None:
+        self.restarted()
+
+    def restarted(self) -> None:
+        """Forget every answer."""
+        self._answers_s: deque[float] = deque(maxlen=3)
+        self._answered_s: float | None = None
+        self._asked_s = float("-inf")
+
+    def request_due(self, t_mono_s: float) -> bool:
+        """Whether to ask now; an autopilot that never answered is asked less often."""
+        every_s = CLOCK_REQUEST_UNANSWERED_S if self._answered_s is None else CLOCK_REQUEST_S
+        if t_mono_s - self._asked_s < every_s - 1e-6:
+            return False
+        self._asked_s = t_mono_s
+        return True
+
+    def answered(self, t_mono_s: float, round_trip_s: float) -> None:
+        """Take an answer."""
+        self._answers_s.append(round_trip_s)
+        self._answered_s = t_mono_s
+
+    def is_slow(self, t_mono_s: float) -> bool:
+        """Whether setpoints come too late; not known, and taken for a no, where the autopilot never answered."""
+        if self._answered_s is None:
+            return False
+        if t_mono_s - self._answered_s > ROUND_TRIP_SILENCE_S:
+            return True
+        return sorted(self._answers_s)[len(self._answers_s) // 2] > ROUND_TRIP_MAX_S
+
+
 @dataclass(frozen=True, slots=True)
 class Assessment:
     """Health without regard to whether a correction is being given."""
@@ -142,6 +185,8 @@ class HealthWatch:
 
     def __init__(self, parameters: Parameters) -> None:
         self._max_gap_s = parameters.estimator.max_gap_s
+        self._nis_gate = parameters.estimator.nis_gate
+        self.round_trip = RoundTripWatch()
         self._since_reset_s = 0.0
         self._nis = 0.0
         self._std_rad = float("inf")
@@ -158,11 +203,13 @@ class HealthWatch:
     def step(self, dt_s: float, nis: float, std_rad: float) -> None:
         """Note one filter step with its innovation and the larger of the angles' deviations."""
         self._since_reset_s += dt_s
-        self._nis += dt_s / (dt_s + NIS_TIME_CONSTANT_S) * (nis - self._nis)
+        self._nis += dt_s / (dt_s + NIS_TIME_CONSTANT_S) * (min(nis, self._nis_gate) - self._nis)
         self._std_rad = std_rad
 
-    def assess(self, t_mono_s: float, streams: StreamWatch, payload: PayloadState) -> Assessment:
-        """Judge this instant."""
+    def assess(
+        self, t_mono_s: float, streams: StreamWatch, payload: PayloadState, heartbeat_age_s: float | None
+    ) -> Assessment:
+        """Judge this instant; ``heartbeat_age_s`` is None before the autopilot's first HEARTBEAT."""
         imu_s = streams.age_s(Stream.IMU, t_mono_s)
         attitude_s = streams.age_s(Stream.ATTITUDE, t_mono_s)
         if imu_s is None or attitude_s is None:
@@ -172,14 +219,20 @@ class HealthWatch:
             which = "IMU" if imu_s > self._max_gap_s else "attitude"
             # The same words for as long as it lasts: they are told once.
             return Assessment(Health.FAULT, f"no {which} for more than {self._max_gap_s:g} s")
+        if heartbeat_age_s is not None and heartbeat_age_s > HEARTBEAT_LOST_S:
+            return Assessment(Health.FAULT, f"no HEARTBEAT for more than {HEARTBEAT_LOST_S:g} s")
         if len(self._resets_s) == 3 and t_mono_s - self._resets_s[0] < 10.0:
             return Assessment(Health.FAULT, "the filter diverged three times in 10 s")
-        if payload is not PayloadState.ATTACHED:
-            return Assessment(Health.INIT, f"load {payload.value}")
+        if payload in (PayloadState.ON_GROUND, PayloadState.SLACK):
+            return Assessment(Health.INIT, payload.value)
         if self._since_reset_s < SETTLE_S or self._std_rad > ANGLE_STD_READY_RAD:
             return Assessment(Health.INIT, "the estimate is settling")
         if imu_s > LATE_S or attitude_s > LATE_S:
             return Assessment(Health.DEGRADED, "IMU or attitude late")
+        if payload is PayloadState.ASSUMED:
+            return Assessment(Health.DEGRADED, payload.value)
+        if self.round_trip.is_slow(t_mono_s):
+            return Assessment(Health.DEGRADED, f"link slower than {ROUND_TRIP_MAX_S:g} s there and back")
         if self._nis > NIS_MAX:
             return Assessment(Health.DEGRADED, "measurements and model disagree")
         return Assessment(Health.READY, "")

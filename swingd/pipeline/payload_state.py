@@ -4,14 +4,19 @@ from enum import Enum
 
 from swingd.core.swing_ekf import GRAVITY_MPS2
 from swingd.model.events import LandedState
-from swingd.model.parameters import Parameters
+from swingd.model.parameters import Parameters, ThrustSource
 
 LIFTED_SHARE = 0.5
 """Share of the load's weight that the cable must carry to count as lifted."""
 LIFTED_FOR_S = 0.15
+SLACK_SHARE = 0.25
+"""Share of the load's weight below which the cable counts as slack: released, set down, or thrown up."""
+SLACK_FOR_S = 0.4
 SUPPORT_TIME_CONSTANT_S = 0.1
+SUPPORT_ATTACHED_TIME_CONSTANT_S = 0.3
+"""Slower while the load hangs: a manoeuvre must not look like a release."""
 ASSUMED_AFTER_S = 5.0
-"""A thrust curve that is 15 % low never shows the load; in the air for this long, it is taken to hang."""
+"""A thrust curve that is 15 % low never shows the load; in the air for this long, it may hang."""
 FLYING_SHARE = 0.6
 """Share of the vehicle's weight that the thrust must carry to count as flying."""
 FORCE_TIME_CONSTANT_S = 0.5
@@ -20,36 +25,38 @@ FORCE_TIME_CONSTANT_S = 0.5
 class PayloadState(Enum):
     """Where the load is."""
 
-    ON_GROUND = "on ground"
-    """The vehicle stands, or nothing is known yet."""
-    LIFTING = "lifting"
-    """The vehicle flies; the cable is not taut yet."""
-    ATTACHED = "attached"
+    ON_GROUND = "vehicle on ground"
+    """Or nothing is known yet."""
+    SLACK = "cable slack"
+    """The vehicle flies and the cable carries nothing: not lifted yet, set down, or released."""
+    ASSUMED = "load assumed, the thrust does not show it"
+    """The vehicle has been in the air for long since the take-off; good enough to estimate, not to correct."""
+    ATTACHED = "load attached"
 
 
 class PayloadWatch:
-    """Tells when the load is lifted, and the disturbance force that the vehicle felt before."""
+    """Tells when the load is lifted or lost, and the disturbance force that the vehicle felt before the lift."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._mass_kg = parameters.vehicle.mass_kg
         self._payload_mass_kg = parameters.payload.mass_kg
-        self.state = PayloadState.ON_GROUND
-        self._support_n = 0.0
-        self._carried_s = 0.0
-        self._lifting_s = 0.0
-        self._force_n = (0.0, 0.0)
+        self._presumed = parameters.thrust.source is ThrustSource.REMARK_1
+        self.grounded()
 
     @property
     def force_n(self) -> tuple[float, float, float] | None:
         """Horizontal disturbance while the cable was slack, level frame [N]; None where that was too short to tell."""
-        if self._lifting_s < FORCE_TIME_CONSTANT_S:
+        if self._slack_s < FORCE_TIME_CONSTANT_S:
             return None
         return (*self._force_n, 0.0)
 
     def grounded(self) -> None:
         """The vehicle stands or is disarmed."""
         self.state = PayloadState.ON_GROUND
-        self._support_n = self._carried_s = self._lifting_s = 0.0
+        self._was_attached = False
+        self._support_n = 0.0
+        self._doubt_s = 0.0
+        self._slack_s = 0.0
         self._force_n = (0.0, 0.0)
 
     def update(
@@ -60,7 +67,7 @@ class PayloadWatch:
         known: bool,
         landed: LandedState,
     ) -> bool:
-        """Take one filter step; return whether the load was lifted in it.
+        """Take one filter step; return whether the state changed in it.
 
         Parameters
         ----------
@@ -75,29 +82,49 @@ class PayloadWatch:
         landed : LandedState
             What the autopilot's land detector says.
         """
-        if self.state is PayloadState.ATTACHED:
-            return False
+        if not known:
+            return self._without_thrust(landed)
         if self.state is PayloadState.ON_GROUND:
-            if known and -force_n[2] < FLYING_SHARE * self._mass_kg * GRAVITY_MPS2:
+            if -force_n[2] < FLYING_SHARE * self._mass_kg * GRAVITY_MPS2:
                 return False
-            if not known and landed is LandedState.ON_GROUND:
-                return False
-            self.state = PayloadState.LIFTING
-            return False
-        self._lifting_s += dt_s
+            return self._become(PayloadState.SLACK)
         # What holds the vehicle down besides its own weight.
         support_n = self._mass_kg * (acc_level[2] - GRAVITY_MPS2) - force_n[2]
-        self._support_n += dt_s / (dt_s + SUPPORT_TIME_CONSTANT_S) * (support_n - self._support_n)
-        lifted = self._support_n > LIFTED_SHARE * self._payload_mass_kg * GRAVITY_MPS2
-        self._carried_s = self._carried_s + dt_s if lifted else 0.0
-        if not lifted:
-            blend = dt_s / (dt_s + FORCE_TIME_CONSTANT_S)
-            x, y = self._force_n
-            self._force_n = (
-                x + blend * (self._mass_kg * acc_level[0] - force_n[0] - x),
-                y + blend * (self._mass_kg * acc_level[1] - force_n[1] - y),
-            )
-        if not known or self._carried_s > LIFTED_FOR_S or self._lifting_s > ASSUMED_AFTER_S:
-            self.state = PayloadState.ATTACHED
-            return True
+        attached = self.state is PayloadState.ATTACHED
+        tau_s = SUPPORT_ATTACHED_TIME_CONSTANT_S if attached else SUPPORT_TIME_CONSTANT_S
+        self._support_n += dt_s / (dt_s + tau_s) * (support_n - self._support_n)
+        share = self._support_n / (self._payload_mass_kg * GRAVITY_MPS2)
+        if attached:
+            self._doubt_s = self._doubt_s + dt_s if share < SLACK_SHARE else 0.0
+            return self._doubt_s > SLACK_FOR_S and self._become(PayloadState.SLACK)
+        lifted = share > LIFTED_SHARE
+        self._doubt_s = self._doubt_s + dt_s if lifted else 0.0
+        if self._doubt_s > LIFTED_FOR_S:
+            return self._become(PayloadState.ATTACHED)
+        if self.state is PayloadState.SLACK:
+            self._slack_s += dt_s
+            if not lifted:
+                blend = dt_s / (dt_s + FORCE_TIME_CONSTANT_S)
+                x, y = self._force_n
+                self._force_n = (
+                    x + blend * (self._mass_kg * acc_level[0] - force_n[0] - x),
+                    y + blend * (self._mass_kg * acc_level[1] - force_n[1] - y),
+                )
+            if self._slack_s > ASSUMED_AFTER_S and not self._was_attached:
+                return self._become(PayloadState.ASSUMED)
         return False
+
+    def _without_thrust(self, landed: LandedState) -> bool:
+        """Only the land detector tells; the load is known to hang where the configuration presumes it."""
+        if self.state is not PayloadState.ON_GROUND or landed not in (LandedState.IN_AIR, LandedState.TAKING_OFF):
+            return False
+        return self._become(PayloadState.ATTACHED if self._presumed else PayloadState.ASSUMED)
+
+    def _become(self, state: PayloadState) -> bool:
+        if state is PayloadState.SLACK:
+            self._slack_s = 0.0
+            self._force_n = (0.0, 0.0)
+        self._was_attached |= state is PayloadState.ATTACHED
+        self._doubt_s = 0.0
+        self.state = state
+        return True

@@ -12,6 +12,7 @@ from swingd.core.swing_ekf import GRAVITY_MPS2
 from swingd.estimation import make_estimator
 from swingd.model.actions import (
     Action,
+    ClockRequest,
     Health,
     Heartbeat,
     Setpoint,
@@ -36,6 +37,7 @@ from swingd.model.events import (
     LocalPosition,
     Motors,
     ParametersChange,
+    RoundTrip,
     SetpointUse,
     Stream,
     StreamRefused,
@@ -47,7 +49,7 @@ from swingd.model.events import (
 from swingd.model.parameters import Mode, Parameters, ThrustSource
 from swingd.pipeline.correction import Correction
 from swingd.pipeline.envelope import Conditions, Fade, may_correct
-from swingd.pipeline.health import Assessment, HealthWatch, StreamWatch
+from swingd.pipeline.health import HEARTBEAT_LATE_S, Assessment, HealthWatch, StreamWatch
 from swingd.pipeline.payload_state import PayloadState, PayloadWatch
 from swingd.pipeline.reference import HoldReference
 from swingd.pipeline.sampling import AttitudeTracker, ImuInterval, ImuSampler, Tilt
@@ -62,6 +64,11 @@ QUIET_SWING_RAD = math.radians(6.0)
 QUIET_SPEED_MPS = 0.7
 QUIET_TIME_CONSTANT_S = 0.3
 TEXT_EVERY_S = 1.0
+REFUSAL_EVERY_S = 5.0
+LANDED_FOR_S = 1.0
+"""The land detector must say so for this long."""
+STREAM_LOST_S = 1.0
+"""PX4's COM_OF_LOSS_T by default."""
 COMPENSATION_REQUESTS = 5
 """How often the autopilot is asked whether it compensates the voltage, before its silence is taken for a no."""
 COMPENSATION_REQUEST_S = 2.0
@@ -82,16 +89,24 @@ class Pipeline:
         self._armed: bool | None = None
         self._flight_mode = FlightMode.UNKNOWN
         self._landed = LandedState.UNKNOWN
+        self._on_ground_since_s: float | None = None
+        self._state_s: float | None = None
         self._streaming = False
+        self._streamed_s = -math.inf
+        self._refusal_told_s = -math.inf
+        self._enabled = parameters.control.enabled
+        self._reference = HoldReference(parameters.hold)
+        self._correction = Correction(parameters.control)
+        self._fade = Fade(parameters.control)
         self._configure(parameters)
 
     def _configure(self, parameters: Parameters) -> None:
-        """Build every stage anew from the parameters.
+        """Build what estimates anew from the parameters.
 
-        A stream of setpoints goes on meanwhile: ending it would make the autopilot leave OFFBOARD.
+        What is being commanded goes on meanwhile, the stream of setpoints, the reference, a correction that fades:
+        ending it at once would make the vehicle jump, or the autopilot leave OFFBOARD.
         """
         self._parameters = parameters
-        self._enabled = parameters.control.enabled
         self._sampler = ImuSampler(parameters.estimator.rate_hz)
         self._attitude = AttitudeTracker()
         self._thrust = ThrustModel(parameters)
@@ -99,9 +114,6 @@ class Pipeline:
         self._payload = PayloadWatch(parameters)
         self._estimator = make_estimator(parameters)
         self._law = make_law(parameters)
-        self._correction = Correction(parameters.control)
-        self._fade = Fade(parameters.control)
-        self._reference = HoldReference(parameters.hold)
         self._streams = StreamWatch(parameters)
         self._compensation_requests = 0
         self._compensation_asked_s = -math.inf
@@ -111,6 +123,7 @@ class Pipeline:
         self._told_s = -math.inf
         self._position: LocalPosition | None = None
         self._blind_s = 0.0
+        self._estimating = False
         self._estimate = self._estimator.estimate()
         self._acc_slow = np.zeros(3)
         self._vel_level = np.zeros(3)
@@ -188,26 +201,29 @@ class Pipeline:
             case AutopilotState():
                 if self._armed and not event.armed:
                     self._ground()
-                if self._flight_mode is FlightMode.OFFBOARD and event.mode is not FlightMode.OFFBOARD:
-                    self._fade.cut()
-                self._armed, self._flight_mode = event.armed, event.mode
+                if event.mode is not FlightMode.OFFBOARD:
+                    self._drop_correction()
+                self._armed, self._flight_mode, self._state_s = event.armed, event.mode, event.t_mono_s
             case Landed():
                 self._streams.arrived(Stream.LANDED_STATE, event.t_mono_s)
                 self._landed = event.state
-                if event.state is LandedState.ON_GROUND and self._payload.state is not PayloadState.ON_GROUND:
-                    self._ground()
+                self._note_landed(event)
             case AutopilotRestart():
                 self._sampler.reset()
                 self._attitude.reset()
                 self._blind_s = 0.0
                 self._thrust.reset_clock()
                 self._position = None
+                self._reference.restarted()
                 self._streams.restarted()
+                self._health.round_trip.restarted()
                 self._compensation_requests = 0
                 self._reset(ResetReason.CLOCK)
                 return [StatusText(Severity.WARNING, f"autopilot's clock stepped by {event.step_s:+.1f} s")]
             case StreamRefused():
                 self._streams.refused(event.stream, event.reason)
+            case RoundTrip():
+                self._health.round_trip.answered(event.t_mono_s, event.round_trip_s)
             case VoltageCompensation():
                 self._thrust.compensated = event.active
                 self._compensation_requests = COMPENSATION_REQUESTS
@@ -216,6 +232,11 @@ class Pipeline:
                     self._enabled = event.enabled
                     return [StatusText(Severity.NOTICE, f"correction {'on' if event.enabled else 'off'}")]
             case ParametersChange():
+                if event.parameters.control.enabled != self._parameters.control.enabled:
+                    self._enabled = event.parameters.control.enabled
+                for stage in (self._correction, self._fade):
+                    stage.configure(event.parameters.control)
+                self._reference.configure(event.parameters.hold)
                 self._configure(event.parameters)
                 return [StatusText(Severity.NOTICE, "parameters changed, the estimate begins anew")]
             case _:
@@ -236,18 +257,19 @@ class Pipeline:
             )
             self._blind_s = 0.0
         if interval.dt_s > self._parameters.estimator.max_gap_s:
-            if self._payload.state is PayloadState.ATTACHED:
+            if self._hangs:
                 self._reset(ResetReason.GAP)
+            self._drop_correction()
             return []
         thrust = self._read_inputs(interval, tilt)
         acc, force = _vec3(self._acc_hook), _vec3(self._force)
         known = thrust.source is not ThrustSource.REMARK_1
         if self._payload.update(interval.dt_s, force, acc, known, self._landed):
-            self._calibration.restart()
-            self._reset(ResetReason.LIFT, self._payload.force_n)
-        attached = self._payload.state is PayloadState.ATTACHED
-        if attached:
+            self._payload_changed()
+        hangs = self._hangs
+        if hangs:
             self._advance(interval)
+        if self._payload.state is PayloadState.ATTACHED:
             self._calibrate(interval.dt_s, tilt, thrust.curve_n, acc[2])
         estimate = self._estimate
         swing_in_heading(
@@ -260,9 +282,9 @@ class Pipeline:
             tilt.level_yaw_rad,
             tilt.level_yaw_rate_radps,
         )
-        if attached:
+        if hangs:
             self._health.step(interval.dt_s, estimate.nis, float(max(self._angles[4], self._angles[5])))
-        self._assessment = self._health.assess(self._t_mono_s, self._streams, self._payload.state)
+        self._assess()
         return self._command(interval, tilt, thrust.thrust_n)
 
     def _read_inputs(self, interval: ImuInterval, tilt: Tilt) -> ThrustReading:
@@ -311,13 +333,43 @@ class Pipeline:
         self._estimator.reset(reason, force_n)
         self._estimate = self._estimator.estimate()
         self._health.reset(self._t_mono_s, fault=False)
-        self._fade.cut()
 
     def _ground(self) -> None:
         """The vehicle stands or is disarmed: nothing hangs, nothing is corrected."""
         self._payload.grounded()
+        self._estimating = False
         self._streaming = False
+        self._drop_correction()
         self._reset(ResetReason.START)
+
+    def _note_landed(self, event: Landed) -> None:
+        """Believe the land detector when it has insisted: in the air a single report may be wrong."""
+        if event.state is not LandedState.ON_GROUND:
+            self._on_ground_since_s = None
+            return
+        if self._on_ground_since_s is None:
+            self._on_ground_since_s = event.t_mono_s
+        if (
+            event.t_mono_s - self._on_ground_since_s >= LANDED_FOR_S
+            and self._payload.state is not PayloadState.ON_GROUND
+        ):
+            self._ground()
+
+    def _payload_changed(self) -> None:
+        """The load was lifted, lost or assumed."""
+        if self._payload.state is PayloadState.ATTACHED:
+            self._calibration.restart()
+            self._reset(ResetReason.LIFT, self._payload.force_n)
+        elif self._payload.state is PayloadState.ASSUMED:
+            self._reset(ResetReason.LIFT)
+        elif self._estimating:
+            self._reset(ResetReason.SLACK)
+        self._estimating = self._hangs
+
+    @property
+    def _hangs(self) -> bool:
+        """Whether there is a swing to estimate."""
+        return self._payload.state in (PayloadState.ATTACHED, PayloadState.ASSUMED)
 
     def _calibrate(self, dt_s: float, tilt: Tilt, curve_n: float, acc_down_mps2: float) -> None:
         blend = dt_s / (dt_s + QUIET_TIME_CONSTANT_S)
@@ -340,20 +392,25 @@ class Pipeline:
         """Fade, correct, and say it."""
         parameters = self._parameters
         health = self._assessment.health
+        flight_mode = self._flight_mode
+        heartbeat_age_s = self._heartbeat_age_s
+        if heartbeat_age_s is None or heartbeat_age_s > HEARTBEAT_LATE_S:
+            flight_mode = FlightMode.UNKNOWN
         allowed = may_correct(
-            Conditions(
-                parameters.mode, self._enabled, bool(self._armed), self._flight_mode, self._payload.state, health
+            Conditions(parameters.mode, self._enabled, bool(self._armed), flight_mode, self._payload.state, health)
+        )
+        allowed &= interval.missing_s == 0.0
+        fade = self._fade.update(allowed, interval.dt_s)
+        wanted = None
+        if allowed:
+            x, y, x_rate, y_rate = self._vector.tolist()
+            wanted = _turn(
+                self._law.acceleration(
+                    _turn((x, y), -tilt.level_yaw_rad), _turn((x_rate, y_rate), -tilt.level_yaw_rad)
+                ),
+                tilt.level_yaw_rad,
             )
-        )
-        whole = interval.missing_s == 0.0
-        if not whole:
-            self._fade.cut()
-        fade = self._fade.update(allowed and whole, interval.dt_s)
-        x, y, x_rate, y_rate = self._vector.tolist()
-        wanted = self._law.acceleration(
-            _turn((x, y), -tilt.level_yaw_rad), _turn((x_rate, y_rate), -tilt.level_yaw_rad)
-        )
-        acc_level, vel_level = self._correction.update(_turn(wanted, tilt.level_yaw_rad), fade, interval.dt_s)
+        acc_level, vel_level = self._correction.update(wanted, fade, interval.dt_s)
         ned_from_level_rad = tilt.yaw_rad - tilt.level_yaw_rad
         acc_north, acc_east = _turn(acc_level, ned_from_level_rad)
         vel_north, vel_east = _turn(vel_level, ned_from_level_rad)
@@ -361,10 +418,12 @@ class Pipeline:
         actions: list[Action] = []
         if health is Health.READY and self._armed:
             self._streaming = True
-        elif health is Health.FAULT or not self._armed:
+        elif not self._armed or self._t_mono_s - self._streamed_s > STREAM_LOST_S:
+            # Where the stream was interrupted for so long, the autopilot's failsafe has acted: it begins anew at READY.
             self._streaming = False
-        if self._streaming and parameters.mode is Mode.HOLD:
-            reference = self._reference.at(self._t_mono_s, self._flight_mode, tilt.yaw_rad)
+        if self._streaming and health is not Health.FAULT and parameters.mode is Mode.HOLD:
+            self._streamed_s = self._t_mono_s
+            reference = self._reference.at(self._t_mono_s, flight_mode, tilt.yaw_rad)
             vel = reference.vel_ned_mps
             use = reference.use
             if fade > 0.0:
@@ -403,18 +462,36 @@ class Pipeline:
         return actions
 
     def _set_reference(self, setpoint: AppSetpoint) -> list[Action]:
-        if self._parameters.mode is Mode.HOLD and not self._reference.set(setpoint):
-            return [StatusText(Severity.WARNING, "reference refused: a horizontal velocity alone is expected")]
-        return []
+        if self._parameters.mode is not Mode.HOLD or self._reference.set(setpoint):
+            return []
+        if self._t_mono_s - self._refusal_told_s < REFUSAL_EVERY_S:
+            return []
+        self._refusal_told_s = self._t_mono_s
+        text = "reference refused: expected a velocity, with or without yaw, and nothing else"
+        return [StatusText(Severity.WARNING, text)]
 
     # ---- time
 
+    @property
+    def _heartbeat_age_s(self) -> float | None:
+        return None if self._state_s is None else self._t_mono_s - self._state_s
+
+    def _assess(self) -> None:
+        self._assessment = self._health.assess(
+            self._t_mono_s, self._streams, self._payload.state, self._heartbeat_age_s
+        )
+
+    def _drop_correction(self) -> None:
+        """Nothing follows the setpoints any more: begin from zero the next time."""
+        self._fade.cut()
+        self._correction.reset()
+
     def _tick(self) -> list[Action]:
         now_s = self._t_mono_s
-        self._assessment = self._health.assess(now_s, self._streams, self._payload.state)
+        self._assess()
         if self._assessment.health is Health.FAULT:
-            self._streaming = False
-            self._fade.cut()
+            # No setpoint leaves any more: there is nothing to fade.
+            self._drop_correction()
         actions: list[Action] = list(self._streams.tick(now_s))
         if (
             self._compensation_requests < COMPENSATION_REQUESTS
@@ -424,6 +501,8 @@ class Pipeline:
             self._compensation_requests += 1
             self._compensation_asked_s = now_s
             actions.append(VoltageCompensationRequest())
+        if self._streams.age_s(Stream.IMU, now_s) is not None and self._health.round_trip.request_due(now_s):
+            actions.append(ClockRequest(now_s))
         if now_s - self._heartbeat_s >= HEARTBEAT_S:
             self._heartbeat_s = now_s
             actions.append(Heartbeat(self.health))

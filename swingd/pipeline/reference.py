@@ -6,6 +6,8 @@ from swingd.model.events import AppSetpoint, FlightMode, LocalPosition, Setpoint
 from swingd.model.parameters import Hold
 from swingd.pipeline.sampling import wrap_pi
 
+POSITION_AGE_MAX_S = 0.5
+"""An altitude older than this is not taken as the one to hold."""
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -23,7 +25,7 @@ class HoldReference:
     """A reference velocity, with the altitude and the heading of OFFBOARD's beginning."""
 
     def __init__(self, hold: Hold) -> None:
-        self._hold = hold
+        self.configure(hold)
         self._set: AppSetpoint | None = None
         self._pos: LocalPosition | None = None
         self._altitude_d_m: float | None = None
@@ -31,6 +33,14 @@ class HoldReference:
         self._offboard = False
         self.refused = 0
         """References from outside that are not a plain velocity."""
+
+    def configure(self, hold: Hold) -> None:
+        """Take other parameters; what was set stays."""
+        self._hold = hold
+
+    def restarted(self) -> None:
+        """The autopilot restarted: its positions mean nothing any more."""
+        self._pos = None
 
     def add_position(self, position: LocalPosition) -> None:
         """Take the vehicle's position."""
@@ -54,10 +64,13 @@ class HoldReference:
         """Return the reference of this instant."""
         if self._set is not None and t_mono_s - self._set.t_mono_s > self._hold.setpoint_timeout_s:
             self._set = None
+        known = self._pos
+        fresh = known is not None and t_mono_s - known.t_mono_s < POSITION_AGE_MAX_S
+        down_m = known.pos_ned_m[2] if known is not None and fresh else None
         offboard = mode is FlightMode.OFFBOARD
         if not offboard or not self._offboard:
             # Outside of OFFBOARD the stream follows the vehicle, so that entering it changes nothing.
-            self._altitude_d_m = self._pos.pos_ned_m[2] if self._pos is not None else None
+            self._altitude_d_m = down_m
             self._yaw_rad = yaw_rad
         self._offboard = offboard
         vel = self._hold.vel_ned_mps
@@ -74,5 +87,5 @@ class HoldReference:
             pos = (0.0, 0.0, self._altitude_d_m)
         else:
             use |= SetpointUse.VEL_D
-            self._altitude_d_m = self._pos.pos_ned_m[2] if self._pos is not None else None
+            self._altitude_d_m = down_m
         return Reference(use, pos, vel, self._yaw_rad if self._yaw_rad is not None else yaw_rad)

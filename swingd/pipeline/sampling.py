@@ -75,6 +75,8 @@ class ImuSampler:
     def add(self, imu: Imu) -> ImuInterval | None:
         """Take one sample; return the interval that it completes. A stamp that does not advance is left out."""
         stamp_s = imu.t_boot_s
+        if not math.isfinite(stamp_s + sum(imu.acc_frd_mps2) + sum(imu.gyro_frd_radps)):
+            return None
         if math.isnan(self._end_s):
             self._end_s = self._last_stamp_s = stamp_s
             self._due_s = stamp_s + self._period_s

@@ -1,7 +1,8 @@
 """structlog, one line per event: pretty on a terminal, JSON with a journald priority elsewhere."""
 
+import contextlib
 import sys
-from typing import Any
+from typing import Any, TextIO, cast
 
 import structlog
 
@@ -35,9 +36,25 @@ def configure_logs(under_journald: bool = False) -> None:
         processors.append(_priority_prefix)
     structlog.configure(
         processors=processors,
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        logger_factory=structlog.PrintLoggerFactory(cast(TextIO, _Unbreakable(sys.stderr))),
         wrapper_class=structlog.make_filtering_bound_logger("info"),
     )
+
+
+class _Unbreakable:
+    """A text stream whose reader may go away and whose disk may be full: a lost line must not end a flight."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError, ValueError):
+            return self._stream.write(text)
+        return 0
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            self._stream.flush()
 
 
 def level_of(severity: Severity) -> str:
