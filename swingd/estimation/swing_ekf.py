@@ -1,5 +1,6 @@
 """The swing EKF of Drones 2023, 7, 654 as an object with state."""
 
+import cmath
 import math
 
 import numpy as np
@@ -17,6 +18,10 @@ GATED_MAX_S = 1.0
 """Measurements rejected for longer mean that the state is wrong, not the measurements."""
 FORCE_AGE_S = 2.0
 """Age of a disturbance that was measured before the load was lifted."""
+RELEARN_DOUBT = 1.0
+"""Variance added to the swing when it is corrected, over the square of the correction."""
+COHERENT_PERIODS = 1.5
+"""Over which a disturbance must keep the pendulum's time to be taken for the load."""
 HALVINGS_MAX = 4
 GATE_CLOSED = -1.0
 """A gate that every measurement exceeds: the step is a prediction."""
@@ -28,6 +33,49 @@ _SCHEMES = {
     Integrator.IMPLICIT_MIDPOINT: Scheme.IMPLICIT_MIDPOINT,
     Integrator.RK4: Scheme.RK4,
 }
+
+
+class _Coherence:
+    """How much of a force swings with the pendulum's period: a leaky demodulation of its increments.
+
+    The increments of a random walk are white, so that slow wind weighs nothing.
+    """
+
+    def __init__(self, mass_kg: float, payload_mass_kg: float, length_m: float) -> None:
+        # Between the pendulum under a fixed hook and the one under a free vehicle; an autopilot's loop lies between.
+        self.omega_radps = math.sqrt(kernels.GRAVITY_MPS2 / length_m * (1.0 + 0.5 * payload_mass_kg / mass_kg))
+        self._memory_s = COHERENT_PERIODS * 2.0 * math.pi / self.omega_radps
+        self.force_per_rad_n = payload_mass_kg * kernels.GRAVITY_MPS2
+        self._gain = 2.0 / (self.omega_radps * self._memory_s * self.force_per_rad_n)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self._last: tuple[float, float] | None = None
+        self._phase_rad = 0.0
+        self._x, self._y = 0j, 0j
+
+    def update(self, force_x_n: float, force_y_n: float, dt_s: float) -> None:
+        """Take the force of the next instant."""
+        last, self._last = self._last, (force_x_n, force_y_n)
+        if last is None:
+            return
+        self._phase_rad = (self._phase_rad + self.omega_radps * dt_s) % (2.0 * math.pi)
+        turn = cmath.exp(-1j * self._phase_rad)
+        kept = math.exp(-dt_s / self._memory_s)
+        self._x = kept * self._x + (force_x_n - last[0]) * turn
+        self._y = kept * self._y + (force_y_n - last[1]) * turn
+
+    def amplitude_rad(self) -> float:
+        """Largest angle of a load that would pull like the coherent part of the force."""
+        return self._gain * max(abs(self._x), abs(self._y))
+
+    def swing(self) -> tuple[float, float, float, float]:
+        """Return that load's angle and rate now, along x and along y [rad], [rad/s]."""
+        # The increments of A cos(w t + p) sum up to i A w T / 2 exp(i p).
+        turn = -1j * self._gain * cmath.exp(1j * self._phase_rad)
+        x, y = turn * self._x, turn * self._y
+        return x.real, -self.omega_radps * x.imag, y.real, -self.omega_radps * y.imag
 
 
 class SwingEkf:
@@ -56,6 +104,8 @@ class SwingEkf:
             + [estimator.swing_rate_std_init_radps**2] * 2
             + [(estimator.force_std_init * self._mass_kg) ** 2] * 3
         )
+        self._relearn_rad = estimator.relearn_rad
+        self._coherence = _Coherence(self._mass_kg, self._payload_mass_kg, self._length_m)
         self._x = np.zeros(NUM_STATES)
         self._P = self._P_init.copy()
         self._x_next = np.empty(NUM_STATES)
@@ -74,6 +124,7 @@ class SwingEkf:
         if status not in (Status.OK, Status.GATED):
             self.reset(ResetReason.NUMERICS)
             return status
+        self._relearn(dt_s)
         self._gated_s = self._gated_s + dt_s if status is Status.GATED else 0.0
         reason = self._fault()
         if reason is not None:
@@ -116,6 +167,28 @@ class SwingEkf:
                 self._P[i, i] = min(self._P[i, i], self._Q[i] * FORCE_AGE_S)
         self._nis[0] = 0.0
         self._gated_s = 0.0
+        self._coherence.reset()
+
+    def _relearn(self, dt_s: float) -> None:
+        """Give the swing what the disturbance took from it.
+
+        A settled filter trusts its pendulum and takes a swing that it did not see begin, a kicked load for one, for wind.
+        Wind does not keep time: the part of the disturbance that stays coherent with the pendulum is the load.
+        """
+        coherence = self._coherence
+        coherence.update(self._x[State.FORCE_X], self._x[State.FORCE_Y], dt_s)
+        if self._relearn_rad <= 0.0 or coherence.amplitude_rad() < self._relearn_rad:
+            return
+        x, x_rate, y, y_rate = coherence.swing()
+        # A load ahead (zeta > 0) or to the right (xi < 0) pulls that way.
+        for angle, shift, shift_rate in ((State.ZETA, x, x_rate), (State.XI, -y, -y_rate)):
+            self._x[angle] += shift
+            self._x[angle + 2] += shift_rate
+            self._P[angle, angle] += RELEARN_DOUBT * (shift**2 + (shift_rate / coherence.omega_radps) ** 2)
+            self._P[angle + 2, angle + 2] += RELEARN_DOUBT * ((shift * coherence.omega_radps) ** 2 + shift_rate**2)
+        self._x[State.FORCE_X] -= x * coherence.force_per_rad_n
+        self._x[State.FORCE_Y] -= y * coherence.force_per_rad_n
+        coherence.reset()
 
     def _advance(self, acc_mps2: FloatArray, dt_s: float, nis_gate: float) -> Status:
         """Divide the interval into steps of at most ``max_step_s``, smaller ones where the implicit equations fail.

@@ -138,6 +138,13 @@ class Estimator:
     swing_std_init_rad: float = quantity(0.4, "rad", 1e-4, 1.5, "initial deviation of both angles")
     swing_rate_std_init_radps: float = quantity(1.0, "rad/s", 1e-4, 10.0, "initial deviation of both rates")
     force_std_init: float = quantity(1.5, "N per kg of vehicle", 1e-4, 1e3, "initial deviation of the disturbance")
+    relearn_rad: float = quantity(
+        0.075,
+        "rad",
+        0.0,
+        3.0,
+        "a disturbance that keeps the pendulum's time like a load at this angle is given to the swing; 0: never",
+    )
     nis_gate: float = quantity(
         50.0, "1", 5.0, 1e4, "measurements whose normalised innovation squared is above are left out"
     )
