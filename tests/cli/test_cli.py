@@ -94,8 +94,8 @@ def test_check_prints_what_follows_from_the_parameters() -> None:
     assert tail[0] == "  fixed pivot   2.272 rad/s  0.362 Hz  period 2.77 s"
     assert tail[1] == "  free vehicle  2.378 rad/s  0.379 Hz  period 2.64 s"
     assert tail[3] == "hover with the load, 21.50 N"
-    assert tail[4] == "  at 16.00 V    72.1% throttle"
-    assert tail[5] == "  at 13.60 V    87.1% throttle"
+    assert tail[4] == "  at 16.00 V    66.2% throttle"
+    assert tail[5] == "  at 13.60 V    79.9% throttle"
     assert tail[7] == "correction, law placed"
     assert f"{found.correction.kp_mps2_per_rad:.3f} m/s^2/rad" in tail[8]
     assert f"{found.correction.kd_mps2_per_radps:.3f} m/s^2/(rad/s)" in tail[8]
@@ -139,7 +139,7 @@ def test_check_as_json_lists_what_was_changed(tmp_path: Path) -> None:
     path = tmp_path / "test.yaml"
     path.write_text("payload: {mass_kg: 0.4}\ncable: {length_m: 1.5}\n", encoding="utf-8")
     result = runner.invoke(
-        app, ["check", str(path), "--json", "--set", "payload.mass_kg=1.1", "--set", "control.law=payload"]
+        app, ["check", str(path), "--json", "--set", "payload.mass_kg=1.4", "--set", "control.law=payload"]
     )
     found = json.loads(result.stdout)
     assert found["changed"] == ["payload.mass_kg", "control.law"]

@@ -70,8 +70,8 @@ def test_checks_name_existing_keys() -> None:
             "thrust.linear_n above 0 N",
         ),
         (
-            ["payload.mass_kg=1.5"],
-            "payload.mass_kg (--set): 2 kg with a load of 1.5 kg need 34.3 N to hover, but the curve gives 33.1 N at "
+            ["payload.mass_kg=2.2"],
+            "payload.mass_kg (--set): 2 kg with a load of 2.2 kg need 41.2 N to hover, but the curve gives 40.5 N at "
             "95% throttle and 16.2 V; expected a curve of all rotors together in N, and masses in kg",
         ),
         (
