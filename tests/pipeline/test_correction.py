@@ -119,6 +119,31 @@ def test_it_starts_from_zero_after_a_break() -> None:
         assert correction.update(swing(DT_S * k), 0.5, DT_S) == again.update(swing(DT_S * k), 0.5, DT_S)
 
 
+def test_what_was_asked_last_is_faded_where_nothing_may_be_asked() -> None:
+    """A doubtful estimate is not listened to while its last word is taken back."""
+    correction, fade = Correction(CONTROL), Fade(CONTROL)
+    for _ in range(200):
+        before, _ = correction.update((1.0, -0.5), fade.update(True, DT_S), DT_S)
+    sizes = []
+    for _ in range(60):
+        acc, _ = correction.update(None, fade.update(False, DT_S), DT_S)
+        assert acc[0] * before[1] == pytest.approx(acc[1] * before[0], abs=1e-12), "along the same line"
+        sizes.append(math.hypot(*acc))
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[0] == pytest.approx(math.hypot(*before), rel=0.1)
+    assert sizes[-1] == 0.0
+
+
+def test_other_limits_are_taken_where_the_correction_stands() -> None:
+    correction = Correction(CONTROL)
+    for _ in range(100):
+        acc, vel = correction.update((2.0, 0.0), 1.0, DT_S)
+    correction.configure(replace(CONTROL, washout_s=100.0))
+    again, vel_again = correction.update((2.0, 0.0), 1.0, DT_S)
+    assert again == pytest.approx(acc, abs=0.01)
+    assert vel_again == pytest.approx(vel, abs=0.05)
+
+
 def test_the_time_at_a_limit_is_told() -> None:
     correction = Correction(CONTROL)
     for k in range(100):

@@ -19,7 +19,7 @@ EVERY = list(
 
 def test_every_combination() -> None:
     allowed = {values for values in EVERY if may_correct(Conditions(*values))}
-    assert len(EVERY) == 2 * 2 * 2 * 3 * 3 * 5
+    assert len(EVERY) == 2 * 2 * 2 * 3 * 4 * 5
     assert allowed == {
         (Mode.HOLD, True, True, FlightMode.OFFBOARD, PayloadState.ATTACHED, health)
         for health in (Health.READY, Health.ACTIVE)
@@ -47,6 +47,15 @@ def test_the_fade_stays_within_its_slope(fade_in_s: float, fade_out_s: float, st
         assert (after >= before) if allowed else (after <= before)
         ramp_s = fade_in_s if allowed else fade_out_s
         assert abs(after - before) * ramp_s <= dt_s * (1.0 + 1e-9)
+
+
+def test_other_ramps_are_taken_where_the_fade_stands() -> None:
+    fade = Fade(Control(fade_in_s=1.0, fade_out_s=1.0))
+    for _ in range(50):
+        fade.update(True, 0.01)
+    fade.configure(Control(fade_in_s=0.1, fade_out_s=0.1))
+    assert fade.value == pytest.approx(0.5)
+    assert fade.update(False, 0.01) == pytest.approx(0.4)
 
 
 def test_a_cut_is_at_once() -> None:

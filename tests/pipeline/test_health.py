@@ -8,7 +8,16 @@ import pytest
 from swingd.model.actions import Health, StatusText, StreamRequest
 from swingd.model.events import Stream
 from swingd.model.parameters import Link, Parameters
-from swingd.pipeline.health import LATE_S, SETTLE_S, HealthWatch, StreamWatch
+from swingd.pipeline.health import (
+    HEARTBEAT_LOST_S,
+    LATE_S,
+    ROUND_TRIP_MAX_S,
+    ROUND_TRIP_SILENCE_S,
+    SETTLE_S,
+    HealthWatch,
+    RoundTripWatch,
+    StreamWatch,
+)
 from swingd.pipeline.payload_state import PayloadState
 
 GOOD_HZ = {
@@ -153,6 +162,7 @@ class Judged:
         imu: bool = True,
         attitude: bool = True,
         payload: PayloadState = ATTACHED,
+        heartbeat_age_s: float | None = 0.5,
     ) -> Health:
         for _ in range(round(duration_s * 100.0)):
             self.t_s += 0.01
@@ -162,25 +172,72 @@ class Judged:
                 self.streams.arrived(Stream.ATTITUDE, self.t_s)
             if imu and payload is ATTACHED:
                 self.watch.step(0.01, nis, std_rad)
-            assessment = self.watch.assess(self.t_s, self.streams, payload)
+            assessment = self.watch.assess(self.t_s, self.streams, payload, heartbeat_age_s)
             assert (assessment.reason == "") == (assessment.health is Health.READY)
         return assessment.health
 
 
 def test_it_waits_for_both_inputs_then_for_the_filter() -> None:
     judged = Judged()
-    assert judged.watch.assess(0.0, judged.streams, ATTACHED).reason == "waiting for the autopilot's IMU"
+    assert judged.watch.assess(0.0, judged.streams, ATTACHED, None).reason == "waiting for the autopilot's IMU"
     assert judged.run(0.1, attitude=False) is Health.INIT
-    assert judged.watch.assess(0.1, judged.streams, ATTACHED).reason == "waiting for the autopilot's attitude"
+    assert judged.watch.assess(0.1, judged.streams, ATTACHED, None).reason == "waiting for the autopilot's attitude"
     assert judged.run(SETTLE_S - 0.2) is Health.INIT
     assert judged.run(0.3) is Health.READY
 
 
-@pytest.mark.parametrize("payload", [PayloadState.ON_GROUND, PayloadState.LIFTING])
-def test_without_a_hanging_load_it_is_not_ready(payload: PayloadState) -> None:
+@pytest.mark.parametrize(
+    ("payload", "health"),
+    [
+        (PayloadState.ON_GROUND, Health.INIT),
+        (PayloadState.SLACK, Health.INIT),
+        (PayloadState.ASSUMED, Health.DEGRADED),
+        (PayloadState.ATTACHED, Health.READY),
+    ],
+)
+def test_without_a_load_that_is_known_to_hang_it_is_not_ready(payload: PayloadState, health: Health) -> None:
     judged = Judged()
     judged.run(5.0)
-    assert judged.run(0.01, payload=payload) is Health.INIT
+    assert judged.run(0.01, payload=payload) is health
+
+
+@pytest.mark.parametrize(
+    ("age_s", "health"), [(None, Health.READY), (2.0, Health.READY), (HEARTBEAT_LOST_S + 0.1, Health.FAULT)]
+)
+def test_a_lost_heartbeat_is_a_fault(age_s: float | None, health: Health) -> None:
+    judged = Judged()
+    judged.run(5.0)
+    assert judged.run(0.01, heartbeat_age_s=age_s) is health
+
+
+def test_a_slow_link_degrades_and_heals() -> None:
+    judged = Judged()
+    judged.run(5.0)
+    round_trip = judged.watch.round_trip
+    round_trip.answered(judged.t_s, 2.0 * ROUND_TRIP_MAX_S)
+    assert judged.run(0.01) is Health.DEGRADED
+    for _ in range(3):
+        round_trip.answered(judged.t_s, 0.02)
+    assert judged.run(0.01) is Health.READY
+    assert judged.run(ROUND_TRIP_SILENCE_S + 0.05) is Health.DEGRADED, "answers that stop are slow ones"
+
+
+def test_one_slow_answer_is_no_slow_link() -> None:
+    watch = RoundTripWatch()
+    assert not watch.is_slow(0.0), "an autopilot that never answers is not judged"
+    for k, round_trip_s in enumerate((0.01, 0.01, 1.0, 0.01, 1.0)):
+        watch.answered(0.1 * k, round_trip_s)
+        assert watch.is_slow(0.1 * k) == (k == 4)
+    watch.restarted()
+    assert not watch.is_slow(9.0)
+
+
+def test_the_clock_is_asked_for_seldom_until_it_answers() -> None:
+    watch = RoundTripWatch()
+    ticks_s = [0.05 * k for k in range(200)]
+    assert sum(watch.request_due(t_s) for t_s in ticks_s) == 10
+    watch.answered(10.0, 0.01)
+    assert sum(watch.request_due(10.0 + t_s) for t_s in ticks_s) == 100
 
 
 def test_an_uncertain_angle_is_not_ready() -> None:

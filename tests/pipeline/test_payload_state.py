@@ -1,11 +1,15 @@
-"""When the load counts as lifted."""
+"""When the load counts as lifted, and when as lost."""
+
+from dataclasses import replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from swingd.core.swing_ekf import GRAVITY_MPS2
 from swingd.model.events import LandedState
-from swingd.model.parameters import Parameters
-from swingd.pipeline.payload_state import ASSUMED_AFTER_S, LIFTED_FOR_S, PayloadState, PayloadWatch
+from swingd.model.parameters import Parameters, ThrustSource
+from swingd.pipeline.payload_state import ASSUMED_AFTER_S, LIFTED_FOR_S, SLACK_FOR_S, PayloadState, PayloadWatch
 
 DT_S = 0.01
 VEHICLE_N = 2.0 * GRAVITY_MPS2
@@ -21,28 +25,39 @@ def fly(
     wind_n: tuple[float, float] = (0.0, 0.0),
     known: bool = True,
     landed: LandedState = LandedState.IN_AIR,
-) -> int:
-    """Hover-like flight: the acceleration is what thrust, cable and a push make of it; return how often it lifted."""
+) -> list[PayloadState]:
+    """Fly; the acceleration is what thrust, cable and a push make of it. Return the states that were told."""
     acc = (wind_n[0] / 2.0, wind_n[1] / 2.0, GRAVITY_MPS2 + (cable_n - thrust_n) / 2.0)
-    return sum(
-        watch.update(DT_S, (0.0, 0.0, -thrust_n), acc, known, landed) for _ in range(max(1, round(duration_s / DT_S)))
-    )
+    told = []
+    for _ in range(max(1, round(duration_s / DT_S))):
+        before = watch.state
+        changed = watch.update(DT_S, (0.0, 0.0, -thrust_n), acc, known, landed)
+        assert changed == (watch.state is not before)
+        if changed:
+            told.append(watch.state)
+    return told
+
+
+def carrying(parameters: Parameters | None = None) -> PayloadWatch:
+    watch = PayloadWatch(parameters or Parameters())
+    fly(watch, 1.0, VEHICLE_N)
+    fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N)
+    assert watch.state is PayloadState.ATTACHED
+    return watch
 
 
 def test_standing_with_idle_motors_is_on_the_ground() -> None:
     watch = PayloadWatch(Parameters())
-    assert fly(watch, 20.0, 0.5 * VEHICLE_N) == 0
+    assert fly(watch, 20.0, 0.5 * VEHICLE_N) == []
     assert watch.state is PayloadState.ON_GROUND
 
 
 def test_the_load_is_lifted_when_the_cable_carries_it() -> None:
     watch = PayloadWatch(Parameters())
-    assert fly(watch, 2.0, VEHICLE_N) == 0
-    assert watch.state is PayloadState.LIFTING
-    assert fly(watch, LIFTED_FOR_S, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == 0, "not at the first tug"
-    assert fly(watch, 0.2, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == 1
-    assert watch.state is PayloadState.ATTACHED
-    assert fly(watch, 10.0, VEHICLE_N) == 0, "told once"
+    assert fly(watch, 2.0, VEHICLE_N) == [PayloadState.SLACK]
+    assert fly(watch, LIFTED_FOR_S, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == [], "not at the first tug"
+    assert fly(watch, 0.2, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == [PayloadState.ATTACHED]
+    assert fly(watch, 30.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == [], "told once"
 
 
 def test_a_jerk_of_the_cable_does_not_count() -> None:
@@ -51,20 +66,43 @@ def test_a_jerk_of_the_cable_does_not_count() -> None:
     for _ in range(10):
         fly(watch, 0.05, VEHICLE_N, cable_n=LOAD_N)
         fly(watch, 0.25, VEHICLE_N)
-    assert watch.state is PayloadState.LIFTING
+    assert watch.state is PayloadState.SLACK
 
 
-def test_a_curve_that_never_shows_the_load_does_not_keep_it_on_the_ground() -> None:
+def test_a_release_is_seen_and_is_not_assumed_away() -> None:
+    watch = carrying()
+    assert fly(watch, SLACK_FOR_S, VEHICLE_N) == []
+    assert fly(watch, 1.0, VEHICLE_N) == [PayloadState.SLACK]
+    assert fly(watch, 5.0 * ASSUMED_AFTER_S, VEHICLE_N) == []
+    assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == [PayloadState.ATTACHED], "and the next load as well"
+
+
+@pytest.mark.parametrize("period_s", [0.2, 0.5, 1.2])
+def test_a_load_that_swings_hard_is_not_lost(period_s: float) -> None:
+    """Near slack for less than half of the time."""
+    watch = carrying()
+    for _ in range(round(20.0 / period_s)):
+        assert fly(watch, 0.4 * period_s, VEHICLE_N, cable_n=0.05 * LOAD_N) == []
+        assert fly(watch, 0.6 * period_s, VEHICLE_N + LOAD_N, cable_n=1.5 * LOAD_N) == []
+
+
+def test_a_curve_that_never_shows_the_load_lets_it_be_assumed_only() -> None:
     watch = PayloadWatch(Parameters())
-    assert fly(watch, ASSUMED_AFTER_S - 0.1, VEHICLE_N) == 0
-    assert fly(watch, 0.3, VEHICLE_N) == 1
+    fly(watch, 0.02, VEHICLE_N)
+    assert fly(watch, ASSUMED_AFTER_S - 0.1, VEHICLE_N) == []
+    assert fly(watch, 0.3, VEHICLE_N) == [PayloadState.ASSUMED]
+    assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == [PayloadState.ATTACHED], "until the thrust shows it"
 
 
-def test_without_a_thrust_stream_the_land_detector_tells() -> None:
-    watch = PayloadWatch(Parameters())
-    assert fly(watch, 5.0, VEHICLE_N + LOAD_N, known=False, landed=LandedState.ON_GROUND) == 0
-    assert watch.state is PayloadState.ON_GROUND
-    assert fly(watch, 0.05, VEHICLE_N + LOAD_N, known=False, landed=LandedState.IN_AIR) == 1
+@pytest.mark.parametrize(
+    ("source", "state"),
+    [(ThrustSource.AUTO, PayloadState.ASSUMED), (ThrustSource.REMARK_1, PayloadState.ATTACHED)],
+)
+def test_without_a_thrust_stream_the_land_detector_tells(source: ThrustSource, state: PayloadState) -> None:
+    watch = PayloadWatch(replace(Parameters(), thrust=replace(Parameters().thrust, source=source)))
+    for landed in (LandedState.ON_GROUND, LandedState.UNKNOWN):
+        assert fly(watch, 5.0, VEHICLE_N + LOAD_N, known=False, landed=landed) == []
+    assert fly(watch, 0.05, VEHICLE_N + LOAD_N, known=False, landed=LandedState.IN_AIR) == [state]
 
 
 def test_the_push_before_the_lift_is_remembered() -> None:
@@ -80,11 +118,19 @@ def test_a_lift_too_quick_to_feel_the_push_knows_none() -> None:
 
 
 def test_landing_begins_anew() -> None:
-    watch = PayloadWatch(Parameters())
-    fly(watch, 1.0, VEHICLE_N, wind_n=(1.0, 0.0))
-    fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N)
+    watch = carrying()
     watch.grounded()
     assert watch.state is PayloadState.ON_GROUND
     assert watch.force_n is None
-    fly(watch, 0.5, VEHICLE_N)
-    assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == 1
+    assert fly(watch, 0.5, VEHICLE_N) == [PayloadState.SLACK]
+    assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == [PayloadState.ATTACHED]
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 60.0), st.floats(-5.0, 20.0), st.booleans()), max_size=40))
+def test_nothing_is_attached_that_the_thrust_did_not_show(pieces: list[tuple[float, float, bool]]) -> None:
+    watch = PayloadWatch(Parameters())
+    shown = False
+    for thrust_n, cable_n, known in pieces:
+        told = fly(watch, 0.3, thrust_n, cable_n=cable_n, known=known)
+        shown |= known and cable_n > 0.4 * LOAD_N
+        assert PayloadState.ATTACHED not in told or shown

@@ -25,8 +25,8 @@ def asked(t_s: float, vel: tuple[float, float, float] = (1.0, 2.0, 0.0), **chang
     return AppSetpoint(t_s, **{**values, **changes})
 
 
-def at_height(reference: HoldReference, down_m: float) -> None:
-    reference.add_position(LocalPosition(0.0, 0.0, (4.0, 5.0, down_m), (0.0, 0.0, 0.0)))
+def at_height(reference: HoldReference, down_m: float, t_mono_s: float = 0.0) -> None:
+    reference.add_position(LocalPosition(t_mono_s, 0.0, (4.0, 5.0, down_m), (0.0, 0.0, 0.0)))
 
 
 def holding(**hold: Any) -> HoldReference:
@@ -47,10 +47,10 @@ def test_altitude_and_yaw_of_the_entry_are_kept() -> None:
 
 def test_outside_of_offboard_the_stream_follows_the_vehicle() -> None:
     reference = holding()
-    at_height(reference, -3.0)
+    at_height(reference, -3.0, 1.0)
     answer = reference.at(1.0, OTHER, -2.0)
     assert (answer.pos_ned_m[2], answer.yaw_rad) == (-3.0, -2.0)
-    at_height(reference, -2.0)
+    at_height(reference, -2.0, 1.1)
     answer = reference.at(1.1, OFFBOARD, -1.9)
     assert (answer.pos_ned_m[2], answer.yaw_rad) == (-2.0, -1.9), "a new entry, a new altitude"
 
@@ -66,13 +66,33 @@ def test_without_a_position_the_vertical_velocity_is_meant() -> None:
     assert HoldReference(Hold()).at(0.0, OFFBOARD, 0.0).use == PLAIN | SetpointUse.VEL_D
 
 
+def test_a_stale_position_is_no_altitude_to_hold() -> None:
+    reference = HoldReference(Hold())
+    at_height(reference, -8.0, 0.0)
+    assert reference.at(0.4, OTHER, 0.0).use & SetpointUse.POS_D
+    assert reference.at(0.6, OTHER, 0.0).use & SetpointUse.VEL_D
+    assert reference.at(0.7, OFFBOARD, 0.0).use & SetpointUse.VEL_D
+    at_height(reference, -7.0, 0.8)
+    reference.restarted()
+    assert reference.at(0.8, OFFBOARD, 0.0).use & SetpointUse.VEL_D, "nor one of before the autopilot's restart"
+
+
+def test_other_parameters_leave_what_was_set() -> None:
+    reference = holding()
+    reference.set(asked(1.0))
+    reference.configure(Hold(vel_ned_mps=(0.3, 0.0, 0.0), setpoint_timeout_s=0.5))
+    assert reference.at(1.4, OFFBOARD, 0.3).vel_ned_mps == (1.0, 2.0, 0.0)
+    assert reference.at(1.6, OFFBOARD, 0.3).vel_ned_mps == (0.3, 0.0, 0.0)
+    assert reference.at(1.6, OFFBOARD, 0.3).pos_ned_m[2] == -8.0
+
+
 def test_after_a_climb_the_new_altitude_is_held() -> None:
     reference = holding()
     reference.set(asked(1.0, (0.0, 0.0, -1.0)))
-    at_height(reference, -9.5)
+    at_height(reference, -9.5, 1.5)
     assert reference.at(1.5, OFFBOARD, 0.3).use & SetpointUse.VEL_D
     reference.set(asked(1.6, (0.0, 0.0, 0.0)))
-    at_height(reference, -9.7)
+    at_height(reference, -9.7, 1.6)
     assert reference.at(1.6, OFFBOARD, 0.3).pos_ned_m[2] == -9.5
 
 

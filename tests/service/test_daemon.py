@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.config import parameters_from_json
 from swingd.link.codec import Codec
+from swingd.model.actions import Health
 from swingd.model.errors import LinkOpenError, LinkUrlError
 from swingd.model.parameters import Mode, Parameters
 from swingd.record.event_log import EventLogReader
@@ -110,11 +111,13 @@ def judge(summary: Summary, peer: SimulatedAutopilot) -> None:
     assert abs(peer.companion.setpoints - summary.setpoints) < 20, "but for what was on its way at the end"
     assert peer.companion.setpoints_refused == 0
     texts = [text for _, _, text in peer.companion.status_texts]
-    assert "swingd active" in texts
-    assert not any("fault" in text for text in texts)
+    assert texts[0] == "swingd init: vehicle on ground"
     assert summary.latency_ms_p50 is not None
     assert 0.0 < summary.latency_ms_p50 < 30.0
-    assert len(peer.companion.reports) > 500
+    reports = peer.companion.reports
+    assert len(reports) > 500
+    assert sum(report.health is Health.ACTIVE for report in reports) > 100, "in OFFBOARD for 4 s"
+    assert not any(report.health is Health.FAULT for report in reports)
 
 
 @pytest.mark.parametrize("loop", LOOPS)
