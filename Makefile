@@ -3,9 +3,6 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# Kernels cached by an older source tree must never be run: numba does not see a change across files.
-KERNELS := $(shell cat swingd/core/*.py 2>/dev/null | cksum | cut -d' ' -f1)
-export NUMBA_CACHE_DIR ?= $(CURDIR)/.numba_cache/$(KERNELS)
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test check bench golden clean
@@ -22,6 +19,7 @@ $(STAMP): pyproject.toml
 setup: $(STAMP)  ## create .venv with swingd and everything its tests need
 
 demo: $(STAMP)  ## fly a simulated PX4 with a slung load, correction off, then on
+	@mkdir -p out
 	$(BIN)/swingd demo -c configs/demo.yaml -o out/demo.png
 
 test: $(STAMP)  ## the whole test suite
@@ -40,4 +38,4 @@ golden: $(STAMP)  ## rewrite the golden replays; read the diff before committing
 	$(BIN)/python tools/golden.py --write
 
 clean:  ## remove what the other targets made
-	rm -rf $(VENV) .numba_cache .pytest_cache .mypy_cache .ruff_cache .hypothesis build out *.egg-info
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build out *.egg-info

@@ -45,6 +45,9 @@ def demo(
     from swingd.config import load_parameters
 
     parameters = load_parameters(config, overrides or ())
+    options.check_output(picture, "--picture", (config,))
+    options.announce_compilation()
+    options.end_on_signals()
     with asyncio.Runner(loop_factory=options.event_loop_factory()) as runner:
         figures = runner.run(_fly_both(parameters, speed_mps, picture, as_json))
     if as_json:
@@ -131,8 +134,8 @@ def _print_table(figures: "Figures") -> None:
     table.add_row("swing, RMS over 12 s [deg]", f"{f.rms_deg_off:.2f}", f"{f.rms_deg_on:.2f}", f"{f.rms_ratio:.2f}")
     table.add_row(
         "under 2 deg after [s]",
-        f"{f.settle_2deg_s_off:.1f}",
-        f"{f.settle_2deg_s_on:.1f}",
+        f"{'' if f.settled_off else '> '}{f.settle_2deg_s_off:.1f}",
+        f"{'' if f.settled_on else '> '}{f.settle_2deg_s_on:.1f}",
         _ratio(f.settle_2deg_s_on, f.settle_2deg_s_off),
     )
     table.add_row("  in pendulum periods", f"{f.settle_periods_off:.1f}", f"{f.settle_periods_on:.2f}", "")
@@ -142,7 +145,7 @@ def _print_table(figures: "Figures") -> None:
         f"{f.velocity_rmse_mps_on:.2f}",
         f"{f.velocity_ratio:.2f}",
     )
-    console = Console()
+    console = Console(markup=False)
     console.print(table)
     console.print(f"estimate against truth: {f.angle_rmse_deg:.2f} deg, {f.rate_rmse_deg_s:.1f} deg/s RMS")
     latency = "no setpoints" if f.latency_ms_p50 is None else f"{f.latency_ms_p50:.2f} / {f.latency_ms_p99:.2f} ms"

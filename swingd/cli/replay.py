@@ -38,7 +38,8 @@ def replay(
     ] = None,
     to_s: Annotated[float | None, typer.Option("--to", metavar="S", help="Compare up to this boot time [s].")] = None,
     plot: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw estimate, truth and baseline.")
+        Path | None,
+        typer.Option("--plot", metavar="FILE.png", help="Draw the estimate, with the truth and the baseline."),
     ] = None,
     as_json: options.Json = False,
 ) -> None:
@@ -55,13 +56,14 @@ def replay(
     from swingd.replay import compare, write_reports
     from swingd.replay import replay as run_log
 
+    options.check_output(output, "--output", (log, config, truth))
+    options.check_output(plot, "--plot", (log, config, truth))
+    options.announce_compilation()
     parameters = load_parameters(config, overrides or ()) if config is not None or overrides else None
     true = read_truth(truth) if truth is not None else None
     with bar(f"replaying {log.name}", quiet=as_json) as advance:
         run = run_log(log, parameters, parameters_from_json, advance)
     true = true or run.truth
-    if plot is not None and true is None:
-        raise ConfigurationError("--plot: draws the estimate beside the true swing; expected --truth FILE")
     comparison = None
     if true is not None:
         comparison = compare(run, parameters or Parameters(), within(true, from_s, to_s))
@@ -71,10 +73,13 @@ def replay(
                 write_reports(file, run.reports)
         except OSError as error:
             raise ConfigurationError(f"--output: {output} cannot be written: {error.strerror}") from error
-    if plot is not None and comparison is not None:
-        from swingd.replay.picture import draw
+    if plot is not None:
+        from swingd.replay.picture import draw, draw_estimate
 
-        draw(comparison, log.name, plot)
+        if comparison is not None:
+            draw(comparison, log.name, plot)
+        else:
+            draw_estimate(run, log.name, plot)
     if as_json:
         typer.echo(json.dumps(_as_json(log, run, comparison), allow_nan=False))
     else:
@@ -91,6 +96,7 @@ def _as_json(log: Path, run: "Replay", comparison: "Comparison | None") -> dict[
         "drops": {drop.value: count for drop, count in run.drops.items()},
         "frames_sent": run.frames_sent,
         "frames_differing": run.frames_differing,
+        "unread_bytes": run.unread_bytes,
     }
     if comparison is not None:
         result["rows"] = comparison.rows
@@ -104,6 +110,8 @@ def _lines(run: "Replay", comparison: "Comparison | None") -> list[str]:
     lines = [f"{len(run.reports)} filter steps from {first:.2f} to {last:.2f} s of the autopilot's clock"]
     lines += [f"filter began anew {count} x: {reason.value}" for reason, count in run.resets.items()]
     lines += [f"not used: {count} x {drop.value}" for drop, count in run.drops.items()]
+    if run.unread_bytes:
+        lines.append(f"{run.unread_bytes} bytes of the log are damaged or cut off and were not read")
     if run.frames_sent:
         lines.append(f"{run.frames_sent} frames were sent in flight; {run.frames_differing} differ in the replay")
         if run.first_difference is not None:

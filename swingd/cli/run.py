@@ -40,6 +40,9 @@ def run(
     if autopilot is not None:
         settings.append(f"link.autopilot={json.dumps(autopilot)}")
     parameters = load_parameters(config, settings)
+    options.check_output(record, "--record", (config,), keep=True)
+    options.check_output(summary_file, "--summary", (config,))
+    options.announce_compilation()
     configure_logs(under_journald="JOURNAL_STREAM" in os.environ)
     from swingd.service.daemon import Daemon
 

@@ -13,6 +13,7 @@ EXAMPLES = """\b
 Examples:
   swingd sim -c configs/demo.yaml
   swingd sim --set 'simulation.wind_ned_mps=[4, 0, 0]' --set simulation.gust_std_mps=1 --truth truth.csv
+  swingd sim --ground-station udpout://127.0.0.1:14550
   swingd sim --mavlink udpout://127.0.0.1:14550 --speed 3
 """
 
@@ -23,14 +24,18 @@ def sim(
     mavlink: Annotated[
         str | None, typer.Option("--mavlink", metavar="URL", help="Where to talk to instead of simulation.mavlink.")
     ] = None,
+    ground_station: Annotated[
+        str | None, typer.Option("--ground-station", metavar="URL", help="A second link; both hear each other.")
+    ] = None,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="FILE", help="Write the truth at 100 Hz as CSV.")
+        Path | None, typer.Option("--truth", metavar="FILE", help="Write the truth at 125 Hz as CSV.")
     ] = None,
     speed: Annotated[
         float | None, typer.Option("--speed", metavar="X", help="Simulated over real time instead of simulation.speed.")
     ] = None,
     duration_s: Annotated[
-        float | None, typer.Option("--duration", metavar="S", help="Stop after this simulated time; default: never.")
+        float | None,
+        typer.Option("--duration", metavar="S", min=0.0, help="Stop after this simulated time; default: never."),
     ] = None,
 ) -> None:
     """Run a simulated PX4 with a slung load on its MAVLink link, for swingd or any other MAVLink tool."""
@@ -41,7 +46,12 @@ def sim(
         settings.append(f"simulation.mavlink={json.dumps(mavlink)}")
     if speed is not None:
         settings.append(f"simulation.speed={speed!r}")
+    if ground_station is not None:
+        settings.append(f"simulation.ground_station={json.dumps(ground_station)}")
     parameters = load_parameters(config, settings)
+    options.check_output(truth, "--truth", (config,))
+    options.announce_compilation()
+    options.end_on_signals()
     from swingd.sim.run import run_simulation
 
     simulation = parameters.simulation
@@ -55,6 +65,3 @@ def sim(
             runner.run(run_simulation(parameters, truth_file=truth, duration_s=duration_s))
         except KeyboardInterrupt:
             typer.echo("stopped", err=True)
-        except OSError as error:
-            typer.echo(f"swingd: {error}", err=True)
-            raise typer.Exit(1) from None

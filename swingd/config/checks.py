@@ -158,6 +158,10 @@ CHECKS = (
     Check(("link.imu_rate_hz", "estimator.rate_hz"), _imu_rate),
     Check(("link.report_rate_hz", "estimator.rate_hz"), _report_rate),
     Check(("simulation.mavlink",), lambda p: _url(p.simulation.mavlink)),
+    Check(
+        ("simulation.ground_station",),
+        lambda p: None if p.simulation.ground_station == "none" else _url(p.simulation.ground_station),
+    ),
     Check(("simulation.battery_empty_v", "simulation.battery_full_v"), _battery),
 )
 """Every check, in the order of their first keys."""

@@ -35,6 +35,11 @@ def _cache_folder() -> str:
     return os.path.join(base, f"kernels-{checksum:08x}")
 
 
+def is_compiled() -> bool:
+    """Whether kernels of this source tree have been compiled and kept before."""
+    return os.path.isdir(_cache_folder())
+
+
 setattr(numba.config, "CACHE_DIR", _cache_folder())  # noqa: B010  (numba declares its settings at run time)
 
 

@@ -11,6 +11,7 @@ from swingd.model.parameters import Parameters
 
 RMS_WINDOW_S = 12.0
 SETTLED_RAD = math.radians(2.0)
+SETTLED_FOR_S = 1.0
 GRAVITY_MPS2 = 9.80665
 ESTIMATE_LEAD_S = 10.0
 """The estimate is judged from this long before the first step."""
@@ -32,6 +33,9 @@ class Figures:
     settle_2deg_s_off: float
     """From a step's command until the true total swing stays under 2 deg up to the next step; the longest."""
     settle_2deg_s_on: float
+    settled_off: bool
+    """Whether it stayed under 2 deg for a second at least; else the time is only what was watched."""
+    settled_on: bool
     settle_periods_off: float
     settle_periods_on: float
     angle_rmse_deg: float
@@ -66,6 +70,8 @@ def figures(parameters: Parameters, off: Flight, on: Flight) -> Figures:
         rms_ratio=rms_on / rms_off,
         settle_2deg_s_off=settle_off,
         settle_2deg_s_on=settle_on,
+        settled_off=_settled(off),
+        settled_on=_settled(on),
         settle_periods_off=settle_off / period_s,
         settle_periods_on=settle_on / period_s,
         angle_rmse_deg=math.degrees(_rms(angle_errors)),
@@ -104,6 +110,14 @@ def _settle_s(flight: Flight) -> float:
         if above.size:
             longest = max(longest, float(flight.t_boot_s[window][above[-1]]) - step.t_boot_s)
     return longest
+
+
+def _settled(flight: Flight) -> bool:
+    ends = [step.t_boot_s for step in flight.steps[1:]] + [flight.end_s]
+    return all(
+        flight.chi_rad[(flight.t_boot_s > end_s - SETTLED_FOR_S) & (flight.t_boot_s < end_s)].max() <= SETTLED_RAD
+        for end_s in ends
+    )
 
 
 def _errors(flight: Flight) -> tuple[FloatArray, FloatArray]:

@@ -54,7 +54,6 @@ def draw(off: Flight, on: Flight, figures: Figures, path: Path) -> None:
     for axis in (total, angle, velocity):
         axis.grid(alpha=0.3)
         axis.legend(loc="upper right", fontsize="small", ncols=3)
-    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=100)
 
 

@@ -172,8 +172,8 @@ class SwingEkf:
     def _relearn(self, dt_s: float) -> None:
         """Give the swing what the disturbance took from it.
 
-        A settled filter trusts its pendulum and takes a swing that it did not see begin, a kicked load for one, for wind.
-        Wind does not keep time: the part of the disturbance that stays coherent with the pendulum is the load.
+        A settled filter trusts its pendulum and takes a swing that it did not see begin, that of a kicked load for one,
+        for wind. Wind does not keep time: the part that stays coherent with the pendulum is the load.
         """
         coherence = self._coherence
         coherence.update(self._x[State.FORCE_X], self._x[State.FORCE_Y], dt_s)

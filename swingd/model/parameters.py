@@ -221,6 +221,7 @@ class Simulation:
 
     mavlink: str = choice("udpout://127.0.0.1:14540", "where the simulated autopilot talks to (PX4: from port 14580)")
     mavlink_bind_port: int = quantity(14580, "1", 0, 65535, "local port of the simulated autopilot's UDP link")
+    ground_station: str = choice("none", "a second link by URL, for a ground station; both hear each other; or none")
     seed: int = quantity(1, "1", 0, 2**31 - 1, "of every random number")
     speed: float = quantity(1.0, "1", 0.05, 100.0, "simulated over real time")
     vehicle_inertia_kg_m2: tuple[float, float, float] = quantity(

@@ -108,8 +108,11 @@ class StreamWatch:
         got_hz = len(watched.arrivals) / RATE_WINDOW_S
         return StreamState(stream, watched.rate_hz, got_hz, self.age_s(stream, t_mono_s), watched.refused)
 
-    def tick(self, t_mono_s: float) -> list[StreamRequest | StatusText]:
-        """Ask again for what arrives too slowly, ever less often; complain once for each stream."""
+    def tick(self, t_mono_s: float, armed: bool) -> list[StreamRequest | StatusText]:
+        """Ask again for what arrives too slowly, ever less often; complain once for each stream.
+
+        Without being armed an autopilot drives no motors, and their outputs are nothing to complain about.
+        """
         actions: list[StreamRequest | StatusText] = []
         for stream, watched in self._watched.items():
             wait_s = REQUEST_EVERY_S * min(1 + watched.requests // REQUESTS_BEFORE_COMPLAINT, 8)
@@ -120,7 +123,8 @@ class StreamWatch:
                 watched.requests = 0
                 watched.complained = False
                 continue
-            if watched.requests >= REQUESTS_BEFORE_COMPLAINT and not watched.complained:
+            expected = armed or stream not in (Stream.MOTORS, Stream.THROTTLE)
+            if watched.requests >= REQUESTS_BEFORE_COMPLAINT and not watched.complained and expected:
                 watched.complained = True
                 why = f"refused: {watched.refused}" if watched.refused else "link or autopilot gives no more"
                 text = f"{stream.value}: asked {watched.rate_hz:.4g} Hz, got {got_hz:.4g} Hz ({why})"

@@ -492,7 +492,10 @@ class Pipeline:
         if self._assessment.health is Health.FAULT:
             # No setpoint leaves any more: there is nothing to fade.
             self._drop_correction()
-        actions: list[Action] = list(self._streams.tick(now_s))
+        actions: list[Action] = []
+        if self._state_s is not None:
+            # Before the autopilot's first HEARTBEAT there is nobody to ask.
+            actions += self._streams.tick(now_s, bool(self._armed))
         if (
             self._compensation_requests < COMPENSATION_REQUESTS
             and now_s - self._compensation_asked_s >= COMPENSATION_REQUEST_S

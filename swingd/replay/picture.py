@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from swingd.replay.compare import Comparison
+from swingd.replay.runner import Replay
 
 
 def draw(comparison: Comparison, title: str, path: Path) -> None:
@@ -41,6 +42,33 @@ def draw(comparison: Comparison, title: str, path: Path) -> None:
         error.legend(loc="upper right", fontsize="small")
     for axis_ in axes:
         axis_.grid(alpha=0.3)
+    axes[-1].set_xlabel("autopilot's boot time [s]")
+    figure.suptitle(title)
+    figure.savefig(path, dpi=100)
+
+
+def draw_estimate(run: Replay, title: str, path: Path) -> None:
+    """Write a picture of a flight whose true swing nobody knows: both angles with 2 sigma, and the health."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, 1, sharex=True)
+    t = np.array([report.t_boot_s for report in run.reports])
+    for axis, name, angle, std in (
+        (axes[0], "lateral xi", "xi_rad", "xi_std_rad"),
+        (axes[1], "longitudinal zeta", "zeta_rad", "zeta_std_rad"),
+    ):
+        degrees = np.degrees([getattr(report, angle) for report in run.reports])
+        band = 2.0 * np.degrees([getattr(report, std) for report in run.reports])
+        axis.fill_between(t, degrees - band, degrees + band, color="tab:red", alpha=0.15, label="2 sigma of the filter")
+        axis.plot(t, degrees, color="tab:red", lw=1.0, label="swingd")
+        axis.set_ylabel(f"{name} [deg]")
+        axis.legend(loc="upper right", ncols=2, fontsize="small")
+        axis.grid(alpha=0.3)
+        swing = np.abs(degrees).max(initial=1.0)
+        axis.set_ylim(-1.5 * swing, 1.5 * swing)
     axes[-1].set_xlabel("autopilot's boot time [s]")
     figure.suptitle(title)
     figure.savefig(path, dpi=100)

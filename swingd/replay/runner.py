@@ -45,6 +45,8 @@ class Replay:
     frames_differing: int = 0
     """Recordings only: those that the replay did not repeat byte for byte."""
     first_difference: str | None = None
+    unread_bytes: int = 0
+    """Bytes of a recording or a .tlog that are damaged or cut off."""
 
     def see(self, t_mono_s: float, action: Action) -> None:
         """Keep an action."""
@@ -104,6 +106,7 @@ def replay(
         total = max(sum(1 for _ in reader), 1)
         pipeline = _run_events(result, chosen, _tlog_events(reader, adapter), total, report)
         result.drops = dict(adapter.drops)
+        result.unread_bytes = reader.garbage_bytes + reader.truncated_bytes
     else:
         log = read_csv_log(path)
         result.truth = log.truth
@@ -159,6 +162,7 @@ def _replay_recording(
     result = Replay()
     engine = Engine(parameters or decode_parameters(reader.configuration), result.see)
     records = list(reader)
+    result.unread_bytes = reader.tail_bytes
     answers: list[bytes] = []
     for count, record in enumerate(records):
         t_s = record.t_mono_s

@@ -52,7 +52,7 @@ class Daemon:
         self._known = False
 
     async def run(self, on_ready: Callable[[], None] | None = None) -> Summary:
-        """Serve until `stop` or SIGINT/SIGTERM; return the figures of the run.
+        """Serve until `stop` or SIGINT, SIGTERM, SIGHUP; return the figures of the run.
 
         Raises
         ------
@@ -67,7 +67,7 @@ class Daemon:
             self._end_recording()
             raise
         handled = []
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             # Outside of the main thread the host has its own way to stop.
             with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
                 loop.add_signal_handler(number, self.stop)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TextIO
 
-from swingd.link.transport import open_transport
+from swingd.link.transport import Transport, open_transport
 from swingd.model.parameters import Parameters
 from swingd.sim.peer import SimulatedAutopilot
 from swingd.sim.plant import DT_S
@@ -67,20 +67,43 @@ async def run_simulation(
     if peer is None:
         peer = SimulatedAutopilot(parameters, px4_parameters)
     simulation = parameters.simulation
-    transport = await open_transport(
-        simulation.mavlink, peer.receive, local_port=simulation.mavlink_bind_port or None, queue_bytes=1 << 16
+    links: list[Transport] = []
+
+    def receiver(own: int) -> Callable[[bytes], None]:
+        """What one link says is heard by the autopilot and by the other link, as PX4 forwards it."""
+
+        def received(data: bytes) -> None:
+            peer.receive(data)
+            for number, link in enumerate(links):
+                if number != own:
+                    link.send(data)
+
+        return received
+
+    links.append(
+        await open_transport(
+            simulation.mavlink, receiver(0), local_port=simulation.mavlink_bind_port or None, queue_bytes=1 << 16
+        )
     )
+
+    def send(frame: bytes) -> None:
+        for link in links:
+            link.send(frame)
+
     file: TextIO | None = None
     try:
+        if simulation.ground_station != "none":
+            links.append(await open_transport(simulation.ground_station, receiver(1), queue_bytes=1 << 16))
         writer = None
         if truth_file is not None:
             file = truth_file.open("w", encoding="utf-8", newline="\n", buffering=_TRUTH_FILE_BUFFER)
             writer = TruthWriter(file)
-        await _pace(peer, simulation.speed, transport.send, duration_s, on_step, writer)
+        await _pace(peer, simulation.speed, send, duration_s, on_step, writer)
     finally:
         if file is not None:
             file.close()
-        await transport.close()
+        for link in links:
+            await link.close()
     return peer
 
 

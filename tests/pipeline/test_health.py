@@ -47,7 +47,7 @@ class Link20Hz:
             for stream, rate_hz in self.rates_hz.items():
                 for k in range(math.floor(begin_s * rate_hz), math.floor(self.t_s * rate_hz)):
                     self.watch.arrived(stream, (k + 1) / rate_hz)
-            for action in self.watch.tick(self.t_s):
+            for action in self.watch.tick(self.t_s, armed=True):
                 if isinstance(action, StreamRequest):
                     self.requests.append((self.t_s, action))
                 else:
@@ -282,3 +282,12 @@ def test_resets_that_nobody_is_to_blame_for_are_no_fault() -> None:
         judged.watch.reset(judged.t_s, fault=False)
         assert judged.run(0.5) is Health.INIT
     assert judged.run(SETTLE_S) is Health.READY
+
+
+def test_motors_that_stand_are_nothing_to_complain_about() -> None:
+    told = {}
+    for armed in (False, True):
+        watch = StreamWatch(Parameters())
+        actions = [action for k in range(600) for action in watch.tick(0.05 * k, armed=armed)]
+        told[armed] = {action.text.split(":")[0] for action in actions if isinstance(action, StatusText)}
+    assert told[True] - told[False] == {"motors", "throttle"}
