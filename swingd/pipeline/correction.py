@@ -26,8 +26,6 @@ class Correction:
         self._slow: Vec2 = (0.0, 0.0)
         self._acc: Vec2 = (0.0, 0.0)
         self._vel: Vec2 = (0.0, 0.0)
-        self.limited_s = 0.0
-        """For how long without a break the correction has been at a limit [s]."""
 
     def update(self, wanted_mps2: Vec2 | None, fade: float, dt_s: float) -> tuple[Vec2, Vec2]:
         """Take the law's acceleration; return acceleration [m/s^2] and velocity [m/s] to add to the setpoint.
@@ -53,21 +51,18 @@ class Correction:
             slow_x += blend * (wanted_mps2[0] - slow_x)
             slow_y += blend * (wanted_mps2[1] - slow_y)
             self._slow = (slow_x, slow_y)
-        target, cut = _limit(
-            (fade * (self._wanted[0] - slow_x), fade * (self._wanted[1] - slow_y)), control.acc_max_mps2
-        )
-        step, slewed = _limit((target[0] - self._acc[0], target[1] - self._acc[1]), control.jerk_max_mps3 * dt_s)
+        target = _limit((fade * (self._wanted[0] - slow_x), fade * (self._wanted[1] - slow_y)), control.acc_max_mps2)
+        step = _limit((target[0] - self._acc[0], target[1] - self._acc[1]), control.jerk_max_mps3 * dt_s)
         self._acc = (self._acc[0] + step[0], self._acc[1] + step[1])
         kept = math.exp(-dt_s / control.velocity_leak_s)
-        self._vel, over = _limit(
+        self._vel = _limit(
             (kept * self._vel[0] + self._acc[0] * dt_s, kept * self._vel[1] + self._acc[1] * dt_s), control.vel_max_mps
         )
-        self.limited_s = self.limited_s + dt_s if cut or slewed or over else 0.0
         return self._acc, (fade * self._vel[0], fade * self._vel[1])
 
 
-def _limit(vector: Vec2, size: float) -> tuple[Vec2, bool]:
+def _limit(vector: Vec2, size: float) -> Vec2:
     length = math.hypot(*vector)
     if length <= size:
-        return vector, False
-    return (vector[0] * size / length, vector[1] * size / length), True
+        return vector
+    return vector[0] * size / length, vector[1] * size / length

@@ -148,14 +148,9 @@ class Pipeline:
         return self._assessment.health
 
     @property
-    def health_reason(self) -> str:
-        """Why the health is not READY; empty where it is."""
-        return self._assessment.reason
-
-    @property
-    def streams(self) -> StreamWatch:
-        """What is known of the inputs."""
-        return self._streams
+    def refusals(self) -> dict[str, int]:
+        """How often an input was not used, by what it was."""
+        return {"voltage": self._thrust.refused_voltages, "reference": self._reference.refused}
 
     @property
     def resets(self) -> dict[ResetReason, int]:

@@ -88,7 +88,8 @@ class Daemon:
             summary = self._meter.summary()
             drops = {drop.value: count for drop, count in self._engine.adapter.drops.items()}
             resets = {reason.name.lower(): count for reason, count in self._engine.pipeline.resets.items() if count}
-            self._log.info("stopped", **_rounded(summary), drops=drops, resets=resets)
+            refusals = {name: count for name, count in self._engine.pipeline.refusals.items() if count}
+            self._log.info("stopped", **_rounded(summary), drops=drops, refusals=refusals, resets=resets)
         return summary
 
     def stop(self) -> None:

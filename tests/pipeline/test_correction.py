@@ -142,13 +142,3 @@ def test_other_limits_are_taken_where_the_correction_stands() -> None:
     again, vel_again = correction.update((2.0, 0.0), 1.0, DT_S)
     assert again == pytest.approx(acc, abs=0.01)
     assert vel_again == pytest.approx(vel, abs=0.05)
-
-
-def test_the_time_at_a_limit_is_told() -> None:
-    correction = Correction(CONTROL)
-    for k in range(100):
-        correction.update((30.0 if k % 2 else -30.0, 0.0), 1.0, DT_S)
-    assert correction.limited_s == pytest.approx(1.0)
-    for _ in range(300):
-        correction.update((0.0, 0.0), 1.0, DT_S)
-    assert correction.limited_s == 0.0
