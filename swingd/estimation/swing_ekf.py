@@ -20,6 +20,8 @@ FORCE_AGE_S = 2.0
 """Age of a disturbance that was measured before the load was lifted."""
 RELEARN_DOUBT = 1.0
 """Variance added to the swing when it is corrected, over the square of the correction."""
+COHERENT_SIGMAS = 2.0
+"""Above what wind of the configured strength feigns."""
 COHERENT_PERIODS = 1.5
 """Over which a disturbance must keep the pendulum's time to be taken for the load."""
 HALVINGS_MAX = 4
@@ -70,6 +72,10 @@ class _Coherence:
         """Largest angle of a load that would pull like the coherent part of the force."""
         return self._gain * max(abs(self._x), abs(self._y))
 
+    def noise_rad(self, force_var: float) -> float:
+        """Deviation of the amplitude that a random walk of the force feigns, of density ``force_var`` [N^2/s]."""
+        return self._gain * math.sqrt(0.5 * force_var * self._memory_s)
+
     def swing(self) -> tuple[float, float, float, float]:
         """Return that load's angle and rate now, along x and along y [rad], [rad/s]."""
         # The increments of A cos(w t + p) sum up to i A w T / 2 exp(i p).
@@ -106,6 +112,7 @@ class SwingEkf:
         )
         self._relearn_rad = estimator.relearn_rad
         self._coherence = _Coherence(self._mass_kg, self._payload_mass_kg, self._length_m)
+        self._feigned_rad = COHERENT_SIGMAS * self._coherence.noise_rad(force_var)
         self._x = np.zeros(NUM_STATES)
         self._P = self._P_init.copy()
         self._x_next = np.empty(NUM_STATES)
@@ -177,7 +184,7 @@ class SwingEkf:
         """
         coherence = self._coherence
         coherence.update(self._x[State.FORCE_X], self._x[State.FORCE_Y], dt_s)
-        if self._relearn_rad <= 0.0 or coherence.amplitude_rad() < self._relearn_rad:
+        if self._relearn_rad <= 0.0 or coherence.amplitude_rad() < max(self._relearn_rad, self._feigned_rad):
             return
         x, x_rate, y, y_rate = coherence.swing()
         # A load ahead (zeta > 0) or to the right (xi < 0) pulls that way.

@@ -7,16 +7,20 @@ from swingd.model.events import LandedState
 from swingd.model.parameters import Parameters, ThrustSource
 
 LIFTED_SHARE = 0.5
-"""Share of the load's weight that the cable must carry to count as lifted."""
+"""Share of the load's weight by which the thrust must rise to count as lifting it."""
 LIFTED_FOR_S = 0.15
-SLACK_SHARE = 0.25
-"""Share of the load's weight below which the cable counts as slack: released, set down, or thrown up."""
+SLACK_SHARE = 0.6
+"""Share of the load's weight by which the thrust must fall to count as having lost it: released, set down."""
 SLACK_FOR_S = 0.4
 SUPPORT_TIME_CONSTANT_S = 0.1
 SUPPORT_ATTACHED_TIME_CONSTANT_S = 0.3
 """Slower while the load hangs: a manoeuvre must not look like a release."""
+LEVEL_TIME_CONSTANT_S = 5.0
+"""Of the level against which a loss is judged: the thrust curve's error drifts with the battery."""
+CLIMBING_S = 0.4
+"""Of climbing with a slack cable, to know what the thrust curve's error feigns."""
 ASSUMED_AFTER_S = 5.0
-"""A thrust curve that is 15 % low never shows the load; in the air for this long, it may hang."""
+"""In the air for this long without a rise, which a take-off that was not watched does not show, the load may hang."""
 FLYING_SHARE = 0.6
 """Share of the vehicle's weight that the thrust must carry to count as flying."""
 FORCE_TIME_CONSTANT_S = 0.5
@@ -55,6 +59,8 @@ class PayloadWatch:
         self.state = PayloadState.ON_GROUND
         self._was_attached = False
         self._support_n = 0.0
+        self._level_n: float | None = None
+        self._climbed_s = 0.0
         self._doubt_s = 0.0
         self._slack_s = 0.0
         self._force_n = (0.0, 0.0)
@@ -66,6 +72,7 @@ class PayloadWatch:
         acc_level: tuple[float, float, float],
         known: bool,
         landed: LandedState,
+        climbing: bool,
     ) -> bool:
         """Take one filter step; return whether the state changed in it.
 
@@ -81,6 +88,8 @@ class PayloadWatch:
             The thrust comes from a stream, not from Remark 1, which presumes a hanging load.
         landed : LandedState
             What the autopilot's land detector says.
+        climbing : bool
+            The vehicle is known to go up: it has left the ground.
         """
         if not known:
             return self._without_thrust(landed)
@@ -88,16 +97,26 @@ class PayloadWatch:
             if -force_n[2] < FLYING_SHARE * self._mass_kg * GRAVITY_MPS2:
                 return False
             return self._become(PayloadState.SLACK)
-        # What holds the vehicle down besides its own weight.
+        # What holds the vehicle down besides its own weight. A thrust curve that is some percent wrong feigns a light
+        # load, or hides it: only rises and falls tell.
         support_n = self._mass_kg * (acc_level[2] - GRAVITY_MPS2) - force_n[2]
         attached = self.state is PayloadState.ATTACHED
         tau_s = SUPPORT_ATTACHED_TIME_CONSTANT_S if attached else SUPPORT_TIME_CONSTANT_S
         self._support_n += dt_s / (dt_s + tau_s) * (support_n - self._support_n)
-        share = self._support_n / (self._payload_mass_kg * GRAVITY_MPS2)
-        if attached:
-            self._doubt_s = self._doubt_s + dt_s if share < SLACK_SHARE else 0.0
+        weight_n = self._payload_mass_kg * GRAVITY_MPS2
+        if attached and self._level_n is not None:
+            self._level_n += dt_s / (dt_s + LEVEL_TIME_CONSTANT_S) * (self._support_n - self._level_n)
+            lost = self._support_n < self._level_n - SLACK_SHARE * weight_n
+            self._doubt_s = self._doubt_s + dt_s if lost else 0.0
             return self._doubt_s > SLACK_FOR_S and self._become(PayloadState.SLACK)
-        lifted = share > LIFTED_SHARE
+        # On the way up the level without the load is found first; in the air, where it was not seen, it is taken for 0.
+        on_the_way_up = climbing or landed in (LandedState.ON_GROUND, LandedState.TAKING_OFF)
+        judged = self._climbed_s > CLIMBING_S or not on_the_way_up
+        lifted = judged and self._support_n > self._slack_level_n() + LIFTED_SHARE * weight_n
+        if climbing and not lifted:
+            self._climbed_s += dt_s
+            before_n = self._support_n if self._level_n is None else self._level_n
+            self._level_n = before_n + dt_s / (dt_s + FORCE_TIME_CONSTANT_S) * (self._support_n - before_n)
         self._doubt_s = self._doubt_s + dt_s if lifted else 0.0
         if self._doubt_s > LIFTED_FOR_S:
             return self._become(PayloadState.ATTACHED)
@@ -120,8 +139,19 @@ class PayloadWatch:
             return False
         return self._become(PayloadState.ATTACHED if self._presumed else PayloadState.ASSUMED)
 
+    def _slack_level_n(self) -> float:
+        """What the thrust curve's error feigns without the load; 0 where that was not seen."""
+        return self._level_n if self._level_n is not None and self._climbed_s > CLIMBING_S else 0.0
+
     def _become(self, state: PayloadState) -> bool:
-        if state is PayloadState.SLACK:
+        weight_n = self._payload_mass_kg * GRAVITY_MPS2
+        if state is PayloadState.ATTACHED:
+            # The jerk of the lift says nothing of the level with the load.
+            self._level_n = self._slack_level_n() + weight_n
+        elif state is PayloadState.SLACK:
+            lost = self.state is PayloadState.ATTACHED and self._level_n is not None
+            self._level_n = self._level_n - weight_n if lost and self._level_n is not None else None
+            self._climbed_s = 2.0 * CLIMBING_S if lost else 0.0
             self._slack_s = 0.0
             self._force_n = (0.0, 0.0)
         self._was_attached |= state is PayloadState.ATTACHED

@@ -63,6 +63,7 @@ QUIET_TILT_RAD = math.radians(8.0)
 QUIET_SWING_RAD = math.radians(6.0)
 QUIET_SPEED_MPS = 0.7
 QUIET_TIME_CONSTANT_S = 0.3
+CLIMB_MPS = 0.2
 TEXT_EVERY_S = 1.0
 REFUSAL_EVERY_S = 5.0
 LANDED_FOR_S = 1.0
@@ -259,7 +260,13 @@ class Pipeline:
         thrust = self._read_inputs(interval, tilt)
         acc, force = _vec3(self._acc_hook), _vec3(self._force)
         known = thrust.source is not ThrustSource.REMARK_1
-        if self._payload.update(interval.dt_s, force, acc, known, self._landed):
+        position = self._position
+        climbing = (
+            position is not None
+            and interval.t_boot_s - position.t_boot_s < VELOCITY_AGE_MAX_S
+            and position.vel_ned_mps[2] < -CLIMB_MPS
+        )
+        if self._payload.update(interval.dt_s, force, acc, known, self._landed, climbing):
             self._payload_changed()
         hangs = self._hangs
         if hangs:

@@ -25,13 +25,18 @@ def fly(
     wind_n: tuple[float, float] = (0.0, 0.0),
     known: bool = True,
     landed: LandedState = LandedState.IN_AIR,
+    climbing: bool = False,
+    curve: float = 1.0,
 ) -> list[PayloadState]:
-    """Fly; the acceleration is what thrust, cable and a push make of it. Return the states that were told."""
+    """Fly; the acceleration is what thrust, cable and a push make of it. Return the states that were told.
+
+    The thrust that is believed is ``curve`` times the true one.
+    """
     acc = (wind_n[0] / 2.0, wind_n[1] / 2.0, GRAVITY_MPS2 + (cable_n - thrust_n) / 2.0)
     told = []
     for _ in range(max(1, round(duration_s / DT_S))):
         before = watch.state
-        changed = watch.update(DT_S, (0.0, 0.0, -thrust_n), acc, known, landed)
+        changed = watch.update(DT_S, (0.0, 0.0, -curve * thrust_n), acc, known, landed, climbing)
         assert changed == (watch.state is not before)
         if changed:
             told.append(watch.state)
@@ -134,3 +139,21 @@ def test_nothing_is_attached_that_the_thrust_did_not_show(pieces: list[tuple[flo
         told = fly(watch, 0.3, thrust_n, cable_n=cable_n, known=known)
         shown |= known and cable_n > 0.4 * LOAD_N
         assert PayloadState.ATTACHED not in told or shown
+
+
+@pytest.mark.parametrize("curve", [0.85, 0.9, 1.1, 1.15])
+def test_a_wrong_thrust_curve_neither_hides_nor_feigns_a_load_that_is_lifted(curve: float) -> None:
+    watch = PayloadWatch(Parameters())
+    assert fly(watch, 1.5, VEHICLE_N, climbing=True, curve=curve) == [PayloadState.SLACK]
+    assert fly(watch, 0.5, VEHICLE_N + LOAD_N, cable_n=LOAD_N, climbing=True, curve=curve) == [PayloadState.ATTACHED]
+    assert fly(watch, 60.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N, curve=curve) == []
+    assert fly(watch, 1.0, VEHICLE_N, curve=curve) == [PayloadState.SLACK], "the release is seen within a second"
+    assert fly(watch, 60.0, VEHICLE_N, curve=curve) == []
+    assert fly(watch, 0.5, VEHICLE_N + LOAD_N, cable_n=LOAD_N, curve=curve) == [PayloadState.ATTACHED]
+
+
+def test_a_sagging_battery_is_no_release() -> None:
+    """20 % of thrust over two minutes that the voltage curve does not know."""
+    watch = carrying()
+    for k in range(120):
+        assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N, curve=1.0 - 0.2 * k / 120.0) == []
