@@ -69,8 +69,8 @@ class _Coherence:
         self._y = kept * self._y + (force_y_n - last[1]) * turn
 
     def amplitude_rad(self) -> float:
-        """Largest angle of a load that would pull like the coherent part of the force."""
-        return self._gain * max(abs(self._x), abs(self._y))
+        """Angle of a load that would pull like the coherent part of the force, whatever the direction."""
+        return self._gain * math.hypot(abs(self._x), abs(self._y))
 
     def noise_rad(self, force_var: float) -> float:
         """Deviation of the amplitude that a random walk of the force feigns, of density ``force_var`` [N^2/s]."""
