@@ -23,6 +23,8 @@ from swingd.service.meter import Meter, Summary
 
 TICK_S = 0.05
 LOG_FLUSH_S = 1.0
+GARBAGE_THRESHOLD = 50_000
+"""Objects between two collections: the engine makes no cycles, and a setpoint should not wait for the collector."""
 
 
 class Daemon:
@@ -78,6 +80,7 @@ class Daemon:
         # What was loaded at the start stays: the collector need not walk through it while a setpoint is due.
         gc.collect()
         gc.freeze()
+        gc.set_threshold(GARBAGE_THRESHOLD)
         try:
             await self._tick_until_stopped()
         finally:
