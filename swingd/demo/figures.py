@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swingd.core.swing_ekf import GRAVITY_MPS2
 from swingd.demo.flight import Flight
 from swingd.model.estimate import FloatArray
 from swingd.model.parameters import Parameters
@@ -12,7 +13,6 @@ from swingd.model.parameters import Parameters
 RMS_WINDOW_S = 12.0
 SETTLED_RAD = math.radians(2.0)
 SETTLED_FOR_S = 1.0
-GRAVITY_MPS2 = 9.80665
 ESTIMATE_LEAD_S = 10.0
 """The estimate is judged from this long before the first step."""
 
@@ -102,9 +102,8 @@ def _velocity_rmse(flight: Flight) -> float:
 
 
 def _settle_s(flight: Flight) -> float:
-    ends = [step.t_boot_s for step in flight.steps[1:]] + [flight.end_s]
     longest = 0.0
-    for step, end_s in zip(flight.steps, ends, strict=True):
+    for step, end_s in zip(flight.steps, flight.step_ends_s, strict=True):
         window = (flight.t_boot_s >= step.t_boot_s) & (flight.t_boot_s < end_s)
         above = np.flatnonzero(flight.chi_rad[window] > SETTLED_RAD)
         if above.size:
@@ -113,10 +112,9 @@ def _settle_s(flight: Flight) -> float:
 
 
 def _settled(flight: Flight) -> bool:
-    ends = [step.t_boot_s for step in flight.steps[1:]] + [flight.end_s]
     return all(
         flight.chi_rad[(flight.t_boot_s > end_s - SETTLED_FOR_S) & (flight.t_boot_s < end_s)].max() <= SETTLED_RAD
-        for end_s in ends
+        for end_s in flight.step_ends_s
     )
 
 

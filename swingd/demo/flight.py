@@ -62,6 +62,11 @@ class Flight:
     daemon: dict[str, float | None]
     """The daemon's own figures (``swingd run --summary``)."""
 
+    @property
+    def step_ends_s(self) -> list[float]:
+        """When each step's window ends: at the next step, the last with the flight [s]."""
+        return [step.t_boot_s for step in self.steps[1:]] + [self.end_s]
+
 
 @dataclass(frozen=True, slots=True)
 class Moment:

@@ -60,8 +60,7 @@ def draw(off: Flight, on: Flight, figures: Figures, path: Path) -> None:
 def _reference(flight: Flight) -> tuple[FloatArray, FloatArray]:
     zero_s = flight.steps[0].t_boot_s
     times, values = [-LEAD_S, 0.0], [0.0, 0.0]
-    ends = [step.t_boot_s for step in flight.steps[1:]] + [flight.end_s]
-    for step, end_s in zip(flight.steps, ends, strict=True):
+    for step, end_s in zip(flight.steps, flight.step_ends_s, strict=True):
         times += [step.t_boot_s - zero_s, end_s - zero_s]
         values += [step.vel_ned_mps[0], step.vel_ned_mps[0]]
     return np.array(times), np.array(values)
