@@ -34,6 +34,8 @@ class Key:
     """Bounds, inclusive; every number has both."""
     names: tuple[str, ...] = ()
     """What a text may be; empty for any text."""
+    mavlink: str = ""
+    """Name in the PARAM protocol; empty where it cannot be changed there."""
 
     @property
     def name(self) -> str:

@@ -27,6 +27,7 @@ from swingd.model.errors import ConfigurationError
 from swingd.model.events import (
     AppSetpoint,
     Attitude,
+    AutopilotKind,
     AutopilotRestart,
     AutopilotState,
     Battery,
@@ -116,14 +117,6 @@ _REQUESTED: dict[Stream, tuple[int, ...]] = {
     Stream.LOCAL_POSITION: (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,),
     Stream.LANDED_STATE: (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,),
 }
-
-
-class AutopilotKind(Enum):
-    """Whose mode numbers a HEARTBEAT carries."""
-
-    PX4 = "px4"
-    ARDUPILOT = "ardupilot"
-    OTHER = "other"
 
 
 _VOLTAGE_COMPENSATION = {AutopilotKind.PX4: "MC_BAT_SCALE_EN", AutopilotKind.ARDUPILOT: "MOT_BAT_VOLT_MAX"}
@@ -323,7 +316,7 @@ class AutopilotAdapter:
                 mode = FlightMode.OFFBOARD if offboard else FlightMode.OTHER
         if not armed and not self._motor_count:
             self._state.driven = ()
-        events.append(AutopilotState(t_mono_s, armed, mode))
+        events.append(AutopilotState(t_mono_s, armed, mode, self.autopilot.kind))
 
     def _imu(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
         m = frame.message

@@ -46,6 +46,11 @@ class Setpoint:
 
 
 @dataclass(frozen=True, slots=True)
+class PassSetpoint:
+    """Forward the application's setpoint that is being handled as it came: no correction meets it now."""
+
+
+@dataclass(frozen=True, slots=True)
 class SwingReport:
     """The estimate at one filter step; angles and rates of the heading frame."""
 
@@ -102,4 +107,13 @@ class Heartbeat:
     health: Health
 
 
-Action = Setpoint | SwingReport | StatusText | StreamRequest | VoltageCompensationRequest | ClockRequest | Heartbeat
+Action = (
+    Setpoint
+    | PassSetpoint
+    | SwingReport
+    | StatusText
+    | StreamRequest
+    | VoltageCompensationRequest
+    | ClockRequest
+    | Heartbeat
+)

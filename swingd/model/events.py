@@ -7,7 +7,7 @@ Every event carries ``t_mono_s``, the host's monotonic clock at its arrival, inj
 from dataclasses import dataclass
 from enum import Enum, IntFlag
 
-from swingd.model.parameters import Parameters
+from swingd.model.parameters import Parameters, ShaperName
 
 Vec3 = tuple[float, float, float]
 """Three components along the axes of the frame that the name gives."""
@@ -19,6 +19,14 @@ class FlightMode(Enum):
     UNKNOWN = "unknown"
     OFFBOARD = "offboard"
     """PX4 OFFBOARD, ArduPilot GUIDED: the autopilot follows external setpoints."""
+    OTHER = "other"
+
+
+class AutopilotKind(Enum):
+    """Whose reading of modes, masks and frames applies."""
+
+    PX4 = "px4"
+    ARDUPILOT = "ardupilot"
     OTHER = "other"
 
 
@@ -109,6 +117,7 @@ class AutopilotState:
     t_mono_s: float
     armed: bool
     mode: FlightMode
+    kind: AutopilotKind = AutopilotKind.PX4
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +185,7 @@ class SetpointUse(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class AppSetpoint:
-    """A setpoint in local NED that an application asks for; components outside ``use`` are to be ignored."""
+    """A setpoint that an application asks for, resolved into local NED; components outside ``use`` are ignored."""
 
     t_mono_s: float
     use: SetpointUse
@@ -185,6 +194,17 @@ class AppSetpoint:
     acc_ned_mps2: Vec3
     yaw_rad: float
     yaw_rate_radps: float
+    source: int = 0
+    """Who sent it: the same number for the same component behind the same port; 0 for a reference of mode ``hold``."""
+    shaper: ShaperName = ShaperName.NONE
+
+
+@dataclass(frozen=True, slots=True)
+class UnmetSetpoint:
+    """An application's setpoint that the autopilot follows and no correction meets, such as an attitude."""
+
+    t_mono_s: float
+    source: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +244,7 @@ Event = (
     | VoltageCompensation
     | RoundTrip
     | AppSetpoint
+    | UnmetSetpoint
     | CorrectionSwitch
     | ParametersChange
     | Tick

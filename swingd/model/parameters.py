@@ -16,6 +16,8 @@ class Mode(Enum):
     """Estimate and publish only."""
     HOLD = "hold"
     """Stream its own reference velocity with the correction in it."""
+    INLINE = "inline"
+    """Meet the setpoints of an application with the correction on their way to the autopilot."""
 
 
 class Integrator(Enum):
@@ -37,21 +39,42 @@ class ThrustSource(Enum):
     """Reconstructed from the acceleration, Drones 2023 (14); valid near hover only."""
 
 
-def quantity(default: Any, unit: str, low: float, high: float, text: str) -> Any:
-    """Declare a number (or a vector whose components share unit and bounds) with its unit, bounds and meaning."""
-    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "text": text})
+class ShaperName(Enum):
+    """Input shaper of an endpoint."""
+
+    NONE = "none"
+    """Setpoints are taken as they come."""
+    ZV = "zv"
+    """Zero vibration: two impulses, half a period."""
+    ZVD = "zvd"
+    """Zero vibration and derivative: three impulses, one period; bears a wrong frequency better."""
+    EI = "ei"
+    """Extra insensitive: three impulses, one period; bears it best, leaving a little vibration."""
 
 
-def choice(default: Any, text: str, names: tuple[str, ...] = ()) -> Any:
-    """Declare a switch, a name (one of ``names`` where they are given) or an enumeration with its meaning."""
-    return field(default=default, metadata={"text": text, "names": names})
+def quantity(default: Any, unit: str, low: float, high: float, text: str, mavlink: str = "") -> Any:
+    """Declare a number (or a vector whose components share unit and bounds) with its unit, bounds and meaning.
+
+    ``mavlink`` names it in the PARAM protocol, where it can be changed live.
+    """
+    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "text": text, "mavlink": mavlink})
+
+
+def choice(default: Any, text: str, names: tuple[str, ...] = (), mavlink: str = "") -> Any:
+    """Declare a switch, a name (one of ``names`` where they are given) or an enumeration with its meaning.
+
+    ``mavlink`` names a switch in the PARAM protocol, where it is 0 or 1.
+    """
+    return field(default=default, metadata={"text": text, "names": names, "mavlink": mavlink})
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
     """The multirotor without its load."""
 
-    mass_kg: float = quantity(2.0, "kg", 0.05, 2000.0, "mass of the vehicle with battery, without load and cable")
+    mass_kg: float = quantity(
+        2.0, "kg", 0.05, 2000.0, "mass of the vehicle with battery, without load and cable", mavlink="SWG_VEH_MASS"
+    )
     hook_frd_m: tuple[float, float, float] = quantity(
         (0.0, 0.0, 0.0), "m", -10.0, 10.0, "hook from the centre of gravity: forward, right, down"
     )
@@ -59,7 +82,12 @@ class Vehicle:
         (0.0, 0.0, 0.0), "m", -10.0, 10.0, "autopilot's IMU from the centre of gravity: forward, right, down"
     )
     drag_n_per_mps: float = quantity(
-        0.0, "N/(m/s)", 0.0, 1000.0, "horizontal drag over speed; known drag spares the filter from guessing it as wind"
+        0.0,
+        "N/(m/s)",
+        0.0,
+        1000.0,
+        "horizontal drag over speed; known drag spares the filter from guessing it as wind",
+        mavlink="SWG_VEH_DRAG",
     )
     drag_vertical_n_per_mps: float = quantity(0.0, "N/(m/s)", 0.0, 1000.0, "vertical drag over speed")
 
@@ -68,14 +96,18 @@ class Vehicle:
 class Payload:
     """The load."""
 
-    mass_kg: float = quantity(0.3, "kg", 0.005, 2000.0, "mass of the load with its hook and half of the cable")
+    mass_kg: float = quantity(
+        0.3, "kg", 0.005, 2000.0, "mass of the load with its hook and half of the cable", mavlink="SWG_LOAD_MASS"
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Cable:
     """The cable."""
 
-    length_m: float = quantity(1.5, "m", 0.1, 200.0, "from the hook to the load's centre of mass")
+    length_m: float = quantity(
+        1.5, "m", 0.1, 200.0, "from the hook to the load's centre of mass", mavlink="SWG_CABLE_LEN"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +120,12 @@ class Thrust:
     offset_n: float = quantity(0.4, "N", -1e4, 1e4, "c: all rotors together, at nominal voltage")
     voltage_nominal_v: float = quantity(16.2, "V", 1.0, 1000.0, "V0: the voltage at which the curve was measured")
     voltage_exponent: float = quantity(
-        2.0, "1", 0.0, 3.0, "n: 2 for ESCs without compensation; 0 where the autopilot or the ESC compensates"
+        2.0,
+        "1",
+        0.0,
+        3.0,
+        "n: 2 for ESCs without compensation; 0 where the autopilot or the ESC compensates",
+        mavlink="SWG_THR_VEXP",
     )
     voltage_min_v: float = quantity(6.0, "V", 0.5, 1000.0, "readings below are refused")
     voltage_max_v: float = quantity(60.0, "V", 1.0, 1000.0, "readings above are refused")
@@ -124,13 +161,28 @@ class Estimator:
         0.007, "s", 0.0, 0.1, "age of the state that a stamp of the autopilot shows; the report is carried over it"
     )
     swing_rate_noise: float = quantity(
-        0.02, "rad/s/sqrt(s)", 1e-6, 100.0, "process noise on the swing rates: what the two point masses do not tell"
+        0.02,
+        "rad/s/sqrt(s)",
+        1e-6,
+        100.0,
+        "process noise on the swing rates: what the two point masses do not tell",
+        mavlink="SWG_EKF_SWING",
     )
     force_noise: float = quantity(
-        0.25, "N/sqrt(s) per kg of vehicle", 1e-6, 100.0, "random walk of the disturbance force: wind and gusts"
+        0.25,
+        "N/sqrt(s) per kg of vehicle",
+        1e-6,
+        100.0,
+        "random walk of the disturbance force: wind and gusts",
+        mavlink="SWG_EKF_FORCE",
     )
     acc_noise: float = quantity(
-        0.06, "m/s^2/sqrt(Hz)", 1e-6, 100.0, "horizontal density of accelerometer, vibration and thrust direction noise"
+        0.06,
+        "m/s^2/sqrt(Hz)",
+        1e-6,
+        100.0,
+        "horizontal density of accelerometer, vibration and thrust direction noise",
+        mavlink="SWG_EKF_ACC",
     )
     acc_noise_vertical: float = quantity(
         0.2, "m/s^2/sqrt(Hz)", 1e-6, 100.0, "vertical density: errors of the thrust's size must not look like swing"
@@ -174,23 +226,41 @@ class Control:
         "law by name: placed (gains computed), or payload (Drones 2023 (16), gains given)",
         names=("placed", "payload"),
     )
-    enabled: bool = choice(True, "correction on at start; only acts where the mode streams setpoints")
-    damping_ratio: float = quantity(0.5, "1", 0.05, 0.95, "wanted damping ratio of the swing for the placed law")
+    enabled: bool = choice(
+        True, "correction on at start; only acts where the mode streams setpoints", mavlink="SWG_ENABLE"
+    )
+    damping_ratio: float = quantity(
+        0.5, "1", 0.05, 0.95, "wanted damping ratio of the swing for the placed law", mavlink="SWG_DAMPING"
+    )
     frequency_ratio: float = quantity(
-        1.3, "1", 0.8, 2.0, "wanted swing frequency over the uncorrected one for the placed law"
+        1.3,
+        "1",
+        0.8,
+        2.0,
+        "wanted swing frequency over the uncorrected one for the placed law",
+        mavlink="SWG_FREQ_RATIO",
     )
     payload_kp_mps2_per_rad: float = quantity(9.0, "m/s^2/rad", 0.0, 100.0, "kP of the payload law")
     payload_kd_mps2_per_radps: float = quantity(2.0, "m/s^2/(rad/s)", 0.0, 100.0, "kD of the payload law")
-    velocity_leak_s: float = quantity(4.0, "s", 0.2, 60.0, "time constant of the leak of the velocity correction")
-    washout_s: float = quantity(8.0, "s", 0.5, 120.0, "time constant that removes a steady swing from the correction")
+    velocity_leak_s: float = quantity(
+        4.0, "s", 0.2, 60.0, "time constant of the leak of the velocity correction", mavlink="SWG_VEL_LEAK"
+    )
+    washout_s: float = quantity(
+        8.0, "s", 0.5, 120.0, "time constant that removes a steady swing from the correction", mavlink="SWG_WASHOUT"
+    )
     delay_s: float = quantity(
         0.02, "s", 0.0, 0.5, "age of the estimate when its setpoint acts, besides the autopilot's loops"
     )
-    acc_max_mps2: float = quantity(3.0, "m/s^2", 0.0, 20.0, "largest acceleration correction")
-    vel_max_mps: float = quantity(1.5, "m/s", 0.0, 20.0, "largest velocity correction")
-    jerk_max_mps3: float = quantity(30.0, "m/s^3", 0.1, 1000.0, "fastest change of the acceleration correction")
-    fade_in_s: float = quantity(1.0, "s", 0.0, 10.0, "ramp when the correction begins")
-    fade_out_s: float = quantity(0.5, "s", 0.0, 5.0, "ramp when the correction ends")
+    acc_max_mps2: float = quantity(3.0, "m/s^2", 0.0, 20.0, "largest acceleration correction", mavlink="SWG_ACC_MAX")
+    vel_max_mps: float = quantity(1.5, "m/s", 0.0, 20.0, "largest velocity correction", mavlink="SWG_VEL_MAX")
+    jerk_max_mps3: float = quantity(
+        30.0, "m/s^3", 0.1, 1000.0, "fastest change of the acceleration correction", mavlink="SWG_JERK_MAX"
+    )
+    displacement_max_m: float = quantity(
+        2.0, "m", 0.0, 50.0, "largest correction of a position setpoint", mavlink="SWG_POS_MAX"
+    )
+    fade_in_s: float = quantity(1.0, "s", 0.0, 10.0, "ramp when the correction begins", mavlink="SWG_FADE_IN")
+    fade_out_s: float = quantity(0.5, "s", 0.0, 5.0, "ramp when the correction ends", mavlink="SWG_FADE_OUT")
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,8 +281,31 @@ class Link:
     autopilot: str = choice("udpin://0.0.0.0:14540", "link to the autopilot, as a URL like MAVSDK's")
     system_id: int = quantity(0, "1", 0, 255, "autopilot to serve; 0 takes the first one heard")
     component_id: int = quantity(191, "1", 1, 255, "MAV_COMP_ID_ONBOARD_COMPUTER")
+    key_file: str = choice(
+        "none", "file with the MAVLink 2 signing key of the autopilot's side: 64 hexadecimal digits; or none"
+    )
+    rc_channel: int = quantity(
+        0, "1", 0, 18, "remote control channel that switches the correction on (above 1500 us) and off; 0: none"
+    )
     imu_rate_hz: float = quantity(250.0, "Hz", 20.0, 1000.0, "asked of the autopilot, averaged to the filter's rate")
-    report_rate_hz: float = quantity(50.0, "Hz", 0.0, 400.0, "DEBUG_FLOAT_ARRAY SWING; 0 switches it off")
+    report_rate_hz: float = quantity(
+        50.0, "Hz", 0.0, 400.0, "DEBUG_FLOAT_ARRAY SWING; 0 switches it off", mavlink="SWG_REPORT_HZ"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Shaping:
+    """Feed-forward: how an application's steps are spread so that they excite the swing less."""
+
+    acc_max_mps2: float = quantity(
+        1.5, "m/s^2", 0.1, 20.0, "largest horizontal acceleration of a shaped setpoint", mavlink="SWG_SHP_ACC"
+    )
+    jerk_max_mps3: float = quantity(
+        6.0, "m/s^3", 0.1, 1000.0, "largest horizontal jerk of a shaped setpoint", mavlink="SWG_SHP_JERK"
+    )
+    vel_max_mps: float = quantity(
+        8.0, "m/s", 0.1, 50.0, "largest speed towards a shaped position", mavlink="SWG_SHP_VEL"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +350,11 @@ class Simulation:
 class Parameters:
     """All parameters of one swingd."""
 
-    mode: Mode = choice(Mode.SHADOW, "shadow: estimate and publish only; hold: stream a reference velocity, corrected")
+    mode: Mode = choice(
+        Mode.SHADOW,
+        "shadow: estimate and publish only; hold: stream a reference velocity, corrected; "
+        "inline: correct the setpoints of the application behind an endpoint",
+    )
     vehicle: Vehicle = field(default_factory=Vehicle)
     payload: Payload = field(default_factory=Payload)
     cable: Cable = field(default_factory=Cable)
@@ -266,5 +363,6 @@ class Parameters:
     autopilot: Autopilot = field(default_factory=Autopilot)
     control: Control = field(default_factory=Control)
     hold: Hold = field(default_factory=Hold)
+    shaping: Shaping = field(default_factory=Shaping)
     link: Link = field(default_factory=Link)
     simulation: Simulation = field(default_factory=Simulation)

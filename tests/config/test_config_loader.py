@@ -189,9 +189,9 @@ def test_an_override_into_something_else_leaves_the_files_problem(problems: Any)
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("mode: hovr", "mode (line 1): 'hovr' given; expected one of shadow, hold"),
-        ("mode:", "mode (line 1): nothing given; expected one of shadow, hold"),
-        ("\n\nmode: [hold]", "mode (line 3): ['hold'] given; expected one of shadow, hold"),
+        ("mode: hovr", "mode (line 1): 'hovr' given; expected one of shadow, hold, inline"),
+        ("mode:", "mode (line 1): nothing given; expected one of shadow, hold, inline"),
+        ("\n\nmode: [hold]", "mode (line 3): ['hold'] given; expected one of shadow, hold, inline"),
         ("payload:\n  mass_kg: '1'", "payload.mass_kg (line 2): '1' given; expected a number from 0.005 to 2000 kg"),
         ("payload:\n  mass_kg: true", "payload.mass_kg (line 2): true given; expected a number from 0.005 to 2000 kg"),
         ("payload:\n  mass_kg: .nan", "payload.mass_kg (line 2): nan given; expected a number from 0.005 to 2000 kg"),
@@ -494,6 +494,6 @@ def test_json_problems_name_the_keys() -> None:
     assert str(caught.value) == (
         "parameters: 3 problems\n"
         "  payload.x: no such key; expected one of mass_kg\n"
-        "  mode: 'no' given; expected one of shadow, hold\n"
+        "  mode: 'no' given; expected one of shadow, hold, inline\n"
         "  payload.mass_kg: nan given; expected a number from 0.005 to 2000 kg"
     )

@@ -162,7 +162,7 @@ def test_what_is_expected_is_said_with_the_unit() -> None:
     assert KEYS["link.system_id"].expected == "a whole number from 0 to 255"
     assert KEYS["hold.vel_ned_mps"].expected == "a list of 3 numbers, each from -30 to 30 m/s"
     assert KEYS["control.enabled"].expected == "true or false"
-    assert KEYS["mode"].expected == "one of shadow, hold"
+    assert KEYS["mode"].expected == "one of shadow, hold, inline"
     assert KEYS["estimator.name"].expected == "one of swing_ekf, pendulum"
     assert KEYS["link.autopilot"].expected == "a text of 1 to 200 printable characters"
 

@@ -7,11 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from swingd.link.adapter import AutopilotAdapter, AutopilotKind, Drop
+from swingd.link.adapter import AutopilotAdapter, Drop
 from swingd.model.errors import ConfigurationError
 from swingd.model.events import (
     AppSetpoint,
     Attitude,
+    AutopilotKind,
     AutopilotRestart,
     AutopilotState,
     Battery,
@@ -113,7 +114,7 @@ def test_a_configured_system_is_waited_for():
 )
 def test_mode_and_arming(heartbeat, armed, mode):
     adapter = AutopilotAdapter(Link(), Thrust())
-    assert adapter.receive(2.0, Autopilot()(heartbeat)) == [AutopilotState(2.0, armed, mode)]
+    assert adapter.receive(2.0, Autopilot()(heartbeat)) == [AutopilotState(2.0, armed, mode, adapter.autopilot.kind)]
 
 
 # -------------------------------------------------------------------------------------------------------- samples

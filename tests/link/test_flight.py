@@ -7,9 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from swingd.link.adapter import AutopilotAdapter, AutopilotKind, Drop
+from swingd.link.adapter import AutopilotAdapter, Drop
 from swingd.model.events import (
     Attitude,
+    AutopilotKind,
     AutopilotRestart,
     AutopilotState,
     Battery,

@@ -19,9 +19,10 @@ EVERY = list(
 
 def test_every_combination() -> None:
     allowed = {values for values in EVERY if may_correct(Conditions(*values))}
-    assert len(EVERY) == 2 * 2 * 2 * 3 * 4 * 5
+    assert len(EVERY) == 3 * 2 * 2 * 3 * 4 * 5
     assert allowed == {
-        (Mode.HOLD, True, True, FlightMode.OFFBOARD, PayloadState.ATTACHED, health)
+        (mode, True, True, FlightMode.OFFBOARD, PayloadState.ATTACHED, health)
+        for mode in (Mode.HOLD, Mode.INLINE)
         for health in (Health.READY, Health.ACTIVE)
     }
 
