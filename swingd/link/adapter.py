@@ -2,9 +2,10 @@
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -251,18 +252,22 @@ class AutopilotAdapter:
     # ------------------------------------------------------------------------------------------------ receiving
 
     def receive(self, t_mono_s: float, data: bytes) -> list[Event]:
-        """Take received bytes and return their events in the order of arrival; never raises.
+        """`take` the frames that received bytes, cut anywhere, complete."""
+        return self.take(t_mono_s, self.codec.receive(data))
+
+    def take(self, t_mono_s: float, frames: Sequence[Frame]) -> list[Event]:
+        """Take received frames and return their events in the order of arrival; never raises.
 
         Parameters
         ----------
         t_mono_s : float
             The host's monotonic clock at the arrival [s].
-        data : bytes
-            The next bytes of the stream, cut anywhere.
+        frames : sequence of Frame
+            What came from the autopilot's side, whoever sent it.
         """
         self._t_mono_s = t_mono_s
         events: list[Event] = []
-        for frame in self.codec.receive(data):
+        for frame in frames:
             handler = _HANDLERS.get(frame.msg_id)
             if handler is None:
                 continue
@@ -612,13 +617,17 @@ class AutopilotAdapter:
     # ------------------------------------------------------------------------------------------------- sending
 
     def encode(self, action: Action) -> bytes | None:
-        """Return the frames of an action, or None (counted) if it cannot be sent.
+        """Pack the `messages` of an action with the sequence numbers of `codec`; None if there are none."""
+        return b"".join(map(self.codec.encode, self.messages(action))) or None
+
+    def messages(self, action: Action) -> list[Any]:
+        """Return the messages that an action becomes, as pymavlink's objects; none (counted) if it cannot be sent.
 
         Before an autopilot is known only the heartbeat leaves. A setpoint with a used component that is not finite does
         not leave at all.
         """
         if isinstance(action, Heartbeat):
-            return self.codec.encode(
+            return [
                 mavlink.MAVLink_heartbeat_message(
                     mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
                     mavlink.MAV_AUTOPILOT_INVALID,
@@ -627,69 +636,50 @@ class AutopilotAdapter:
                     _MAV_STATES[action.health],
                     3,
                 )
-            )
+            ]
         autopilot = self.autopilot
-        data: bytes | None = None
+        messages: list[Any] = []
         if autopilot is not None:
             match action:
                 case Setpoint():
-                    data = self._encode_setpoint(autopilot, action)
+                    messages = _setpoint_messages(autopilot, action)
                 case SwingReport():
                     if math.isfinite(action.t_boot_s) and action.t_boot_s >= 0.0:
-                        data = self.codec.encode(swing_message.encode(action))
+                        messages = [swing_message.encode(action)]
                 case StatusText():
-                    data = self._encode_text(action)
+                    messages = self._text_messages(action)
                 case StreamRequest():
-                    data = self._encode_request(autopilot, action)
+                    messages = self._request_messages(autopilot, action)
                 case ClockRequest():
-                    data = self._encode_clock_request(action)
+                    messages = self._clock_request_messages(action)
                 case VoltageCompensationRequest():
-                    data = self._encode_parameter_read(autopilot)
-        if data is None:
+                    messages = _parameter_read_messages(autopilot)
+        if not messages:
             self.drops[Drop.OUTGOING] += 1
-        return data
+        return messages
 
-    def _encode_setpoint(self, autopilot: AutopilotId, setpoint: Setpoint) -> bytes | None:
-        use = setpoint.use.value
-        axes = (*setpoint.pos_ned_m, *setpoint.vel_ned_mps, *setpoint.acc_ned_mps2)
-        values = [value if use >> bit & 1 else 0.0 for bit, value in enumerate(axes)]
-        values.append(setpoint.yaw_rad if use & _YAW else 0.0)
-        values.append(setpoint.yaw_rate_radps if use & _YAW_RATE else 0.0)
-        if not use or not all(map(math.isfinite, (setpoint.t_boot_s, *values))):
-            return None
-        return self.codec.encode(
-            mavlink.MAVLink_set_position_target_local_ned_message(
-                round(setpoint.t_boot_s * 1e3) & 0xFFFFFFFF,
-                autopilot.system_id,
-                autopilot.component_id,
-                mavlink.MAV_FRAME_LOCAL_NED,
-                ~use & _USE_MASK,
-                *map(float32, values),
-            )
-        )
-
-    def _encode_text(self, action: StatusText) -> bytes:
+    def _text_messages(self, action: StatusText) -> list[Any]:
         text = action.text.replace("\0", " ").encode("utf-8", errors="replace")[: _CHUNK * _CHUNKS_MAX]
         if len(text) <= _CHUNK:
-            return self.codec.encode(mavlink.MAVLink_statustext_message(int(action.severity), text))
+            return [mavlink.MAVLink_statustext_message(int(action.severity), text)]
         self._text_id = self._text_id % 0xFFFF + 1
         # A zero byte ends the text: a last chunk that is full is followed by an empty one.
         chunks = [text[i : i + _CHUNK] for i in range(0, len(text) + 1, _CHUNK)]
-        return b"".join(
-            self.codec.encode(mavlink.MAVLink_statustext_message(int(action.severity), chunk, self._text_id, number))
+        return [
+            mavlink.MAVLink_statustext_message(int(action.severity), chunk, self._text_id, number)
             for number, chunk in enumerate(chunks)
-        )
+        ]
 
-    def _encode_request(self, autopilot: AutopilotId, action: StreamRequest) -> bytes | None:
+    def _request_messages(self, autopilot: AutopilotId, action: StreamRequest) -> list[Any]:
         if not math.isfinite(action.rate_hz):
-            return None
+            return []
         interval_us = 1e6 / action.rate_hz if action.rate_hz > 0.0 else -1.0
         msg_ids = _REQUESTED[action.stream]
         request = _Request(action.stream, self._t_mono_s, len(msg_ids))
-        data = b""
+        messages: list[Any] = []
         for msg_id in msg_ids:
             self._requests.append((msg_id, request))
-            data += self.codec.encode(
+            messages.append(
                 mavlink.MAVLink_command_long_message(
                     autopilot.system_id,
                     autopilot.component_id,
@@ -704,24 +694,43 @@ class AutopilotAdapter:
                     0.0,
                 )
             )
-        return data
+        return messages
 
-    def _encode_clock_request(self, action: ClockRequest) -> bytes | None:
+    def _clock_request_messages(self, action: ClockRequest) -> list[Any]:
         if not math.isfinite(action.t_mono_s):
-            return None
+            return []
         asked_ns = round(action.t_mono_s * 1e9)
         self._clock_requests.append(asked_ns)
-        return self.codec.encode(mavlink.MAVLink_timesync_message(0, asked_ns))
+        return [mavlink.MAVLink_timesync_message(0, asked_ns)]
 
-    def _encode_parameter_read(self, autopilot: AutopilotId) -> bytes | None:
-        name = _VOLTAGE_COMPENSATION.get(autopilot.kind)
-        if name is None:
-            return None
-        return self.codec.encode(
-            mavlink.MAVLink_param_request_read_message(
-                autopilot.system_id, autopilot.component_id, name.encode(), _BY_NAME
-            )
+
+def _setpoint_messages(autopilot: AutopilotId, setpoint: Setpoint) -> list[Any]:
+    use = setpoint.use.value
+    axes = (*setpoint.pos_ned_m, *setpoint.vel_ned_mps, *setpoint.acc_ned_mps2)
+    values = [value if use >> bit & 1 else 0.0 for bit, value in enumerate(axes)]
+    values.append(setpoint.yaw_rad if use & _YAW else 0.0)
+    values.append(setpoint.yaw_rate_radps if use & _YAW_RATE else 0.0)
+    if not use or not all(map(math.isfinite, (setpoint.t_boot_s, *values))):
+        return []
+    return [
+        mavlink.MAVLink_set_position_target_local_ned_message(
+            round(setpoint.t_boot_s * 1e3) & 0xFFFFFFFF,
+            autopilot.system_id,
+            autopilot.component_id,
+            mavlink.MAV_FRAME_LOCAL_NED,
+            ~use & _USE_MASK,
+            *map(float32, values),
         )
+    ]
+
+
+def _parameter_read_messages(autopilot: AutopilotId) -> list[Any]:
+    name = _VOLTAGE_COMPENSATION.get(autopilot.kind)
+    if name is None:
+        return []
+    return [
+        mavlink.MAVLink_param_request_read_message(autopilot.system_id, autopilot.component_id, name.encode(), _BY_NAME)
+    ]
 
 
 _SERVO_FIELDS = tuple(f"servo{i}_raw" for i in range(1, 17))
