@@ -1,13 +1,43 @@
-"""From the law's acceleration to a pair that the autopilot's velocity loop does not fight, within its limits."""
+"""From the law's acceleration to a push that none of the autopilot's loops fights, within its limits."""
 
 import math
+from dataclasses import dataclass
 
 from swingd.control.base import Vec2
 from swingd.model.parameters import Control
 
 
+def turn(vector: Vec2, angle_rad: float) -> Vec2:
+    """Turn a horizontal vector about the down axis."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """A horizontal correction: an acceleration, its leaky integral, and the leaky integral of that."""
+
+    acc_mps2: Vec2 = (0.0, 0.0)
+    vel_mps: Vec2 = (0.0, 0.0)
+    pos_m: Vec2 = (0.0, 0.0)
+
+    def turned(self, angle_rad: float) -> "Push":
+        """Turn the push about the down axis."""
+        return Push(*(turn(vector, angle_rad) for vector in (self.acc_mps2, self.vel_mps, self.pos_m)))
+
+    def scaled(self, share: float) -> "Push":
+        """Take a share of the push."""
+        if share == 1.0:
+            return self
+        (ax, ay), (vx, vy), (px, py) = self.acc_mps2, self.vel_mps, self.pos_m
+        return Push((share * ax, share * ay), (share * vx, share * vy), (share * px, share * py))
+
+
+NO_PUSH = Push()
+
+
 class Correction:
-    """Acceleration and its leaky integral as velocity, washed out, limited in size, slew and jerk, and faded.
+    """Acceleration and its leaky integrals, washed out, limited in size, slew and jerk, and faded.
 
     All vectors lie in the level frame that does not turn, so that no yaw, nor a reset of it, changes what was given.
     """
@@ -26,9 +56,10 @@ class Correction:
         self._slow: Vec2 = (0.0, 0.0)
         self._acc: Vec2 = (0.0, 0.0)
         self._vel: Vec2 = (0.0, 0.0)
+        self._pos: Vec2 = (0.0, 0.0)
 
-    def update(self, wanted_mps2: Vec2 | None, fade: float, dt_s: float) -> tuple[Vec2, Vec2]:
-        """Take the law's acceleration; return acceleration [m/s^2] and velocity [m/s] to add to the setpoint.
+    def update(self, wanted_mps2: Vec2 | None, fade: float, dt_s: float) -> Push:
+        """Take the law's acceleration; return what to add to the setpoint.
 
         Parameters
         ----------
@@ -42,7 +73,7 @@ class Correction:
         control = self._control
         if fade <= 0.0:
             self.reset()
-            return (0.0, 0.0), (0.0, 0.0)
+            return NO_PUSH
         # The slow part starts at zero: a wind that holds the load aside is washed out, a swing at entry is answered.
         slow_x, slow_y = self._slow
         if wanted_mps2 is not None:
@@ -58,7 +89,11 @@ class Correction:
         self._vel = _limit(
             (kept * self._vel[0] + self._acc[0] * dt_s, kept * self._vel[1] + self._acc[1] * dt_s), control.vel_max_mps
         )
-        return self._acc, (fade * self._vel[0], fade * self._vel[1])
+        vel = (fade * self._vel[0], fade * self._vel[1])
+        self._pos = _limit(
+            (kept * self._pos[0] + vel[0] * dt_s, kept * self._pos[1] + vel[1] * dt_s), control.displacement_max_m
+        )
+        return Push(self._acc, vel, (fade * self._pos[0], fade * self._pos[1]))
 
 
 def _limit(vector: Vec2, size: float) -> Vec2:

@@ -20,6 +20,9 @@ class Conditions:
     payload: PayloadState
     health: Health
     """READY or ACTIVE where inputs are fresh and the estimate is finite, settled and consistent."""
+    asked: bool
+    """Whether somebody asks for something that a correction can enter: mode hold does; an application must still be
+    alive, alone, and fast enough."""
 
 
 def may_correct(conditions: Conditions) -> bool:
@@ -31,6 +34,7 @@ def may_correct(conditions: Conditions) -> bool:
         and conditions.flight_mode is FlightMode.OFFBOARD
         and conditions.payload is PayloadState.ATTACHED
         and conditions.health in (Health.READY, Health.ACTIVE)
+        and conditions.asked
     )
 
 

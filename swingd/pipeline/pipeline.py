@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from swingd.control import make_law
 from swingd.core.level import filter_inputs, level_from_frd, swing_in_heading
 from swingd.core.status import Status
 from swingd.core.swing_ekf import GRAVITY_MPS2
@@ -15,7 +14,6 @@ from swingd.model.actions import (
     ClockRequest,
     Health,
     Heartbeat,
-    Setpoint,
     Severity,
     StatusText,
     SwingReport,
@@ -30,7 +28,6 @@ from swingd.model.events import (
     Battery,
     CorrectionSwitch,
     Event,
-    FlightMode,
     Imu,
     Landed,
     LandedState,
@@ -38,20 +35,19 @@ from swingd.model.events import (
     Motors,
     ParametersChange,
     RoundTrip,
-    SetpointUse,
     Stream,
     StreamRefused,
     Throttle,
     Tick,
+    UnmetSetpoint,
     Vec3,
     VoltageCompensation,
 )
-from swingd.model.parameters import Mode, Parameters, ThrustSource
-from swingd.pipeline.correction import Correction
-from swingd.pipeline.envelope import Conditions, Fade, may_correct
-from swingd.pipeline.health import HEARTBEAT_LATE_S, Assessment, HealthWatch, StreamWatch
+from swingd.model.parameters import Parameters, ThrustSource
+from swingd.pipeline.commander import Commander, Situation
+from swingd.pipeline.correction import turn
+from swingd.pipeline.health import Assessment, HealthWatch, StreamWatch
 from swingd.pipeline.payload_state import PayloadState, PayloadWatch
-from swingd.pipeline.reference import HoldReference
 from swingd.pipeline.sampling import AttitudeTracker, ImuInterval, ImuSampler, Tilt
 from swingd.pipeline.thrust import ScaleCalibration, ThrustModel, ThrustReading
 
@@ -65,11 +61,10 @@ QUIET_SPEED_MPS = 0.7
 QUIET_TIME_CONSTANT_S = 0.3
 CLIMB_MPS = 0.2
 TEXT_EVERY_S = 1.0
-REFUSAL_EVERY_S = 5.0
 LANDED_FOR_S = 1.0
 """The land detector must say so for this long."""
-STREAM_LOST_S = 1.0
-"""PX4's COM_OF_LOSS_T by default."""
+ESTIMATED_FROM = ("vehicle", "payload", "cable", "thrust", "estimator", "link")
+"""Groups of parameters that the estimate and the watch over its inputs are built from."""
 COMPENSATION_REQUESTS = 5
 """How often the autopilot is asked whether it compensates the voltage, before its silence is taken for a no."""
 COMPENSATION_REQUEST_S = 2.0
@@ -88,33 +83,26 @@ class Pipeline:
         self._t_mono_s = -math.inf
         self._heartbeat_s = -math.inf
         self._armed: bool | None = None
-        self._flight_mode = FlightMode.UNKNOWN
         self._landed = LandedState.UNKNOWN
         self._on_ground_since_s: float | None = None
         self._state_s: float | None = None
-        self._streaming = False
-        self._streamed_s = -math.inf
-        self._refusal_told_s = -math.inf
-        self._enabled = parameters.control.enabled
-        self._reference = HoldReference(parameters.hold)
-        self._correction = Correction(parameters.control)
-        self._fade = Fade(parameters.control)
-        self._configure(parameters)
+        self._parameters = parameters
+        self._commander = Commander(parameters)
+        self._build()
 
-    def _configure(self, parameters: Parameters) -> None:
+    def _build(self) -> None:
         """Build what estimates anew from the parameters.
 
         What is being commanded goes on meanwhile, the stream of setpoints, the reference, a correction that fades:
         ending it at once would make the vehicle jump, or the autopilot leave OFFBOARD.
         """
-        self._parameters = parameters
+        parameters = self._parameters
         self._sampler = ImuSampler(parameters.estimator.rate_hz)
         self._attitude = AttitudeTracker()
         self._thrust = ThrustModel(parameters)
         self._calibration = ScaleCalibration(parameters)
         self._payload = PayloadWatch(parameters)
         self._estimator = make_estimator(parameters)
-        self._law = make_law(parameters)
         self._streams = StreamWatch(parameters)
         self._compensation_requests = 0
         self._compensation_asked_s = -math.inf
@@ -144,14 +132,14 @@ class Pipeline:
     @property
     def health(self) -> Health:
         """The state that is published."""
-        if self._assessment.health is Health.READY and self._fade.value > 0.0:
+        if self._assessment.health is Health.READY and self._commander.active:
             return Health.ACTIVE
         return self._assessment.health
 
     @property
     def refusals(self) -> dict[str, int]:
         """How often an input was not used, by what it was."""
-        return {"voltage": self._thrust.refused_voltages, "reference": self._reference.refused}
+        return {"voltage": self._thrust.refused_voltages, "reference": self._commander.refused_references}
 
     @property
     def resets(self) -> dict[ResetReason, int]:
@@ -161,6 +149,7 @@ class Pipeline:
     def step(self, event: Event) -> list[Action]:
         """Take one event; return the actions that it causes, in the order in which they are to be sent."""
         self._t_mono_s = max(self._t_mono_s, event.t_mono_s)
+        self._commander.advance_clock(self._t_mono_s)
         match event:
             case Imu():
                 self._streams.arrived(Stream.IMU, event.t_mono_s)
@@ -169,7 +158,7 @@ class Pipeline:
             case Attitude():
                 self._streams.arrived(Stream.ATTITUDE, event.t_mono_s)
                 self._attitude.add(event)
-                self._reference.turn(self._attitude.take_yaw_jump())
+                self._commander.turn(self._attitude.take_yaw_jump())
             case Throttle():
                 self._streams.arrived(Stream.THROTTLE, event.t_mono_s)
                 self._thrust.add_throttle(event)
@@ -179,14 +168,16 @@ class Pipeline:
             case LocalPosition():
                 self._streams.arrived(Stream.LOCAL_POSITION, event.t_mono_s)
                 self._position = event
-                self._reference.add_position(event)
+                self._commander.add_position(event)
             case Battery():
                 self._streams.arrived(Stream.BATTERY, event.t_mono_s)
                 self._thrust.add_battery(event)
             case Tick():
                 return self._tick()
             case AppSetpoint():
-                return self._set_reference(event)
+                return self._commander.take(event)
+            case UnmetSetpoint():
+                self._commander.leave(event)
             case _:
                 return self._rare(event)
         return []
@@ -197,9 +188,8 @@ class Pipeline:
             case AutopilotState():
                 if self._armed and not event.armed:
                     self._ground()
-                if event.mode is not FlightMode.OFFBOARD:
-                    self._drop_correction()
-                self._armed, self._flight_mode, self._state_s = event.armed, event.mode, event.t_mono_s
+                self._armed, self._state_s = event.armed, event.t_mono_s
+                self._commander.set_state(event)
             case Landed():
                 self._streams.arrived(Stream.LANDED_STATE, event.t_mono_s)
                 self._landed = event.state
@@ -210,7 +200,7 @@ class Pipeline:
                 self._blind_s = 0.0
                 self._thrust.reset_clock()
                 self._position = None
-                self._reference.restarted()
+                self._commander.autopilot_restarted()
                 self._streams.restarted()
                 self._health.round_trip.restarted()
                 self._compensation_requests = 0
@@ -224,20 +214,22 @@ class Pipeline:
                 self._thrust.compensated = event.active
                 self._compensation_requests = COMPENSATION_REQUESTS
             case CorrectionSwitch():
-                if event.enabled != self._enabled:
-                    self._enabled = event.enabled
+                if self._commander.switch(event.enabled):
                     return [StatusText(Severity.NOTICE, f"correction {'on' if event.enabled else 'off'}")]
             case ParametersChange():
-                if event.parameters.control.enabled != self._parameters.control.enabled:
-                    self._enabled = event.parameters.control.enabled
-                for stage in (self._correction, self._fade):
-                    stage.configure(event.parameters.control)
-                self._reference.configure(event.parameters.hold)
-                self._configure(event.parameters)
-                return [StatusText(Severity.NOTICE, "parameters changed, the estimate begins anew")]
+                return self._change(event.parameters)
             case _:
                 raise AssertionError(f"no stage takes {type(event).__name__}")
         return []
+
+    def _change(self, parameters: Parameters) -> list[Action]:
+        """Take other parameters; the estimate begins anew only where it depends on them."""
+        before, self._parameters = self._parameters, parameters
+        self._commander.configure(parameters)
+        if all(getattr(before, group) == getattr(parameters, group) for group in ESTIMATED_FROM):
+            return [StatusText(Severity.NOTICE, "parameters changed")]
+        self._build()
+        return [StatusText(Severity.NOTICE, "parameters changed, the estimate begins anew")]
 
     # ---- estimate
 
@@ -255,7 +247,7 @@ class Pipeline:
         if interval.dt_s > self._parameters.estimator.max_gap_s:
             if self._hangs:
                 self._reset(ResetReason.GAP)
-            self._drop_correction()
+            self._commander.drop()
             return []
         thrust = self._read_inputs(interval, tilt)
         acc, force = _vec3(self._acc_hook), _vec3(self._force)
@@ -296,7 +288,7 @@ class Pipeline:
         position = self._position
         if position is not None and interval.t_boot_s - position.t_boot_s < VELOCITY_AGE_MAX_S:
             vel_north, vel_east, vel_down = position.vel_ned_mps
-            vel_x, vel_y = _turn((vel_north, vel_east), tilt.level_yaw_rad - tilt.yaw_rad)
+            vel_x, vel_y = turn((vel_north, vel_east), tilt.level_yaw_rad - tilt.yaw_rad)
             self._vel_level[:] = vel_x, vel_y, vel_down
         else:
             self._vel_level[:] = 0.0
@@ -340,8 +332,7 @@ class Pipeline:
         """The vehicle stands or is disarmed: nothing hangs, nothing is corrected."""
         self._payload.grounded()
         self._estimating = False
-        self._streaming = False
-        self._drop_correction()
+        self._commander.land()
         self._reset(ResetReason.START)
 
     def _note_landed(self, event: Landed) -> None:
@@ -391,56 +382,23 @@ class Pipeline:
     # ---- command
 
     def _command(self, interval: ImuInterval, tilt: Tilt, thrust_n: float) -> list[Action]:
-        """Fade, correct, and say it."""
-        parameters = self._parameters
-        health = self._assessment.health
-        flight_mode = self._flight_mode
-        heartbeat_age_s = self._heartbeat_age_s
-        if heartbeat_age_s is None or heartbeat_age_s > HEARTBEAT_LATE_S:
-            flight_mode = FlightMode.UNKNOWN
-        allowed = may_correct(
-            Conditions(parameters.mode, self._enabled, bool(self._armed), flight_mode, self._payload.state, health)
+        """Command, and say what is estimated."""
+        x, y, x_rate, y_rate = self._vector.tolist()
+        setpoint = self._commander.step(
+            Situation(
+                t_boot_s=interval.t_boot_s,
+                dt_s=interval.dt_s,
+                gap=interval.missing_s > 0.0,
+                yaw_rad=tilt.yaw_rad,
+                level_yaw_rad=tilt.level_yaw_rad,
+                direction=(x, y),
+                direction_rate_per_s=(x_rate, y_rate),
+                payload=self._payload.state,
+                health=self._assessment.health,
+            )
         )
-        allowed &= interval.missing_s == 0.0
-        fade = self._fade.update(allowed, interval.dt_s)
-        wanted = None
-        if allowed:
-            x, y, x_rate, y_rate = self._vector.tolist()
-            wanted = _turn(
-                self._law.acceleration(
-                    _turn((x, y), -tilt.level_yaw_rad), _turn((x_rate, y_rate), -tilt.level_yaw_rad)
-                ),
-                tilt.level_yaw_rad,
-            )
-        acc_level, vel_level = self._correction.update(wanted, fade, interval.dt_s)
-        ned_from_level_rad = tilt.yaw_rad - tilt.level_yaw_rad
-        acc_north, acc_east = _turn(acc_level, ned_from_level_rad)
-        vel_north, vel_east = _turn(vel_level, ned_from_level_rad)
-
-        actions: list[Action] = []
-        if health is Health.READY and self._armed:
-            self._streaming = True
-        elif not self._armed or self._t_mono_s - self._streamed_s > STREAM_LOST_S:
-            # Where the stream was interrupted for so long, the autopilot's failsafe has acted: it begins anew at READY.
-            self._streaming = False
-        if self._streaming and health is not Health.FAULT and parameters.mode is Mode.HOLD:
-            self._streamed_s = self._t_mono_s
-            reference = self._reference.at(self._t_mono_s, flight_mode, tilt.yaw_rad)
-            vel = reference.vel_ned_mps
-            use = reference.use
-            if fade > 0.0:
-                use |= SetpointUse.ACC_N | SetpointUse.ACC_E
-            actions.append(
-                Setpoint(
-                    t_boot_s=interval.t_boot_s,
-                    use=use,
-                    pos_ned_m=reference.pos_ned_m,
-                    vel_ned_mps=(vel[0] + vel_north, vel[1] + vel_east, vel[2]),
-                    acc_ned_mps2=(acc_north, acc_east, 0.0),
-                    yaw_rad=reference.yaw_rad,
-                    yaw_rate_radps=0.0,
-                )
-            )
+        actions: list[Action] = [setpoint] if setpoint is not None else []
+        push = self._commander.push
         xi, zeta, xi_rate, zeta_rate, xi_std, zeta_std = self._angles.tolist()
         force = _vec3(self._estimate.x[4:7])
         actions.append(
@@ -450,27 +408,18 @@ class Pipeline:
                 zeta_rad=zeta,
                 xi_rate_radps=xi_rate,
                 zeta_rate_radps=zeta_rate,
-                force_ned_n=(*_turn((force[0], force[1]), ned_from_level_rad), force[2]),
+                force_ned_n=(*turn((force[0], force[1]), tilt.yaw_rad - tilt.level_yaw_rad), force[2]),
                 xi_std_rad=xi_std,
                 zeta_std_rad=zeta_std,
                 thrust_n=thrust_n,
                 thrust_scale=self._calibration.scale,
                 nis=self._estimate.nis,
-                correction_acc_ned_mps2=(acc_north, acc_east, 0.0),
-                correction_vel_ned_mps=(vel_north, vel_east, 0.0),
+                correction_acc_ned_mps2=(*push.acc_mps2, 0.0),
+                correction_vel_ned_mps=(*push.vel_mps, 0.0),
                 health=self.health,
             )
         )
         return actions
-
-    def _set_reference(self, setpoint: AppSetpoint) -> list[Action]:
-        if self._parameters.mode is not Mode.HOLD or self._reference.set(setpoint):
-            return []
-        if self._t_mono_s - self._refusal_told_s < REFUSAL_EVERY_S:
-            return []
-        self._refusal_told_s = self._t_mono_s
-        text = "reference refused: expected a velocity, with or without yaw, and nothing else"
-        return [StatusText(Severity.WARNING, text)]
 
     # ---- time
 
@@ -483,17 +432,10 @@ class Pipeline:
             self._t_mono_s, self._streams, self._payload.state, self._heartbeat_age_s
         )
 
-    def _drop_correction(self) -> None:
-        """Nothing follows the setpoints any more: begin from zero the next time."""
-        self._fade.cut()
-        self._correction.reset()
-
     def _tick(self) -> list[Action]:
         now_s = self._t_mono_s
         self._assess()
-        if self._assessment.health is Health.FAULT:
-            # No setpoint leaves any more: there is nothing to fade.
-            self._drop_correction()
+        self._commander.tick(self._assessment.health)
         actions: list[Action] = []
         if self._state_s is not None:
             # Before the autopilot's first HEARTBEAT there is nobody to ask.
@@ -532,9 +474,3 @@ _SEVERITIES = {
 def _vec3(array: FloatArray) -> Vec3:
     x, y, z = array.tolist()
     return x, y, z
-
-
-def _turn(vector: tuple[float, float], angle_rad: float) -> tuple[float, float]:
-    """Turn a horizontal vector about the down axis."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]

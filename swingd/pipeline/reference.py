@@ -1,24 +1,16 @@
 """What the vehicle is asked to do before any correction."""
 
-from dataclasses import dataclass
-
-from swingd.model.events import AppSetpoint, FlightMode, LocalPosition, SetpointUse, Vec3
+from swingd.model.events import AppSetpoint, AutopilotKind, FlightMode, LocalPosition, SetpointUse, Vec3
 from swingd.model.parameters import Hold
+from swingd.pipeline.merge import Reference
 from swingd.pipeline.sampling import wrap_pi
 
 POSITION_AGE_MAX_S = 0.5
 """An altitude older than this is not taken as the one to hold."""
+ALTITUDE_P_PER_S = 1.0
+"""Climb towards the held altitude over the distance to it, for an autopilot that takes no altitude with a velocity."""
+ALTITUDE_SPEED_MAX_MPS = 0.5
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Reference:
-    """A setpoint in local NED; components outside ``use`` mean nothing."""
-
-    use: SetpointUse
-    pos_ned_m: Vec3
-    vel_ned_mps: Vec3
-    yaw_rad: float
 
 
 class HoldReference:
@@ -60,7 +52,7 @@ class HoldReference:
         if self._yaw_rad is not None:
             self._yaw_rad = wrap_pi(self._yaw_rad + yaw_jump_rad)
 
-    def at(self, t_mono_s: float, mode: FlightMode, yaw_rad: float) -> Reference:
+    def at(self, t_mono_s: float, mode: FlightMode, yaw_rad: float, kind: AutopilotKind) -> Reference:
         """Return the reference of this instant."""
         if self._set is not None and t_mono_s - self._set.t_mono_s > self._hold.setpoint_timeout_s:
             self._set = None
@@ -82,10 +74,14 @@ class HoldReference:
                 self._yaw_rad = given.yaw_rad
         use = SetpointUse.VEL_N | SetpointUse.VEL_E | SetpointUse.YAW
         pos = _ZERO
-        if self._hold.hold_altitude and vel[2] == 0.0 and self._altitude_d_m is not None:
-            use |= SetpointUse.POS_D
-            pos = (0.0, 0.0, self._altitude_d_m)
-        else:
+        if not (self._hold.hold_altitude and vel[2] == 0.0 and self._altitude_d_m is not None):
             use |= SetpointUse.VEL_D
             self._altitude_d_m = down_m
-        return Reference(use, pos, vel, self._yaw_rad if self._yaw_rad is not None else yaw_rad)
+        elif kind is AutopilotKind.ARDUPILOT:
+            use |= SetpointUse.VEL_D
+            climb = 0.0 if down_m is None else ALTITUDE_P_PER_S * (self._altitude_d_m - down_m)
+            vel = (vel[0], vel[1], max(-ALTITUDE_SPEED_MAX_MPS, min(ALTITUDE_SPEED_MAX_MPS, climb)))
+        else:
+            use |= SetpointUse.POS_D
+            pos = (0.0, 0.0, self._altitude_d_m)
+        return Reference(use, pos, vel, yaw_rad=self._yaw_rad if self._yaw_rad is not None else yaw_rad)

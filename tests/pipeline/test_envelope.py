@@ -13,15 +13,15 @@ from swingd.pipeline.envelope import Conditions, Fade, may_correct
 from swingd.pipeline.payload_state import PayloadState
 
 EVERY = list(
-    itertools.product(Mode, (False, True), (False, True), FlightMode, PayloadState, Health),
+    itertools.product(Mode, (False, True), (False, True), FlightMode, PayloadState, Health, (False, True)),
 )
 
 
 def test_every_combination() -> None:
     allowed = {values for values in EVERY if may_correct(Conditions(*values))}
-    assert len(EVERY) == 3 * 2 * 2 * 3 * 4 * 5
+    assert len(EVERY) == 3 * 2 * 2 * 3 * 4 * 5 * 2
     assert allowed == {
-        (mode, True, True, FlightMode.OFFBOARD, PayloadState.ATTACHED, health)
+        (mode, True, True, FlightMode.OFFBOARD, PayloadState.ATTACHED, health, True)
         for mode in (Mode.HOLD, Mode.INLINE)
         for health in (Health.READY, Health.ACTIVE)
     }

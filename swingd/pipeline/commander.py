@@ -1,0 +1,275 @@
+"""From the estimate to the setpoint: what is asked for, the correction, and whether it may leave."""
+
+import math
+from dataclasses import dataclass
+
+from swingd.control import make_law
+from swingd.control.base import Vec2
+from swingd.model.actions import Action, Health, PassSetpoint, Setpoint, Severity, StatusText
+from swingd.model.events import AppSetpoint, AutopilotKind, AutopilotState, FlightMode, LocalPosition, UnmetSetpoint
+from swingd.model.parameters import Mode, Parameters
+from swingd.pipeline.application import ApplicationStream
+from swingd.pipeline.correction import NO_PUSH, Correction, Push, turn
+from swingd.pipeline.envelope import Conditions, Fade, may_correct
+from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S
+from swingd.pipeline.merge import Reference, is_correctable, merge, reference_of
+from swingd.pipeline.payload_state import PayloadState
+from swingd.pipeline.reference import HoldReference
+
+TEXT_EVERY_S = 5.0
+STREAM_LOST_S = 1.0
+"""PX4's COM_OF_LOSS_T by default."""
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """One filter step, as far as commanding depends on it."""
+
+    t_boot_s: float
+    dt_s: float
+    gap: bool
+    """Whether samples were missing in this step."""
+    yaw_rad: float
+    level_yaw_rad: float
+    """Heading in the level frame, which does not turn."""
+    direction: Vec2
+    """Horizontal direction of the cable in the level frame [rad at small angles]."""
+    direction_rate_per_s: Vec2
+    payload: PayloadState
+    health: Health
+
+
+class Commander:
+    """Reference, law, correction and envelope, for both modes that send setpoints.
+
+    In mode `hold` the stream of setpoints is swingd's own. In mode `inline` it is an application's: while a correction
+    may leave, each of its setpoints is consumed and sent on at the filter's rate with the correction in it; at any
+    other time it passes as it came.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Mode, limits, and what the law is computed from.
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._enabled = parameters.control.enabled
+        self._parameters = parameters
+        self._law = make_law(parameters)
+        self._hold = HoldReference(parameters.hold)
+        self._application = ApplicationStream()
+        self._correction = Correction(parameters.control)
+        self._fade = Fade(parameters.control)
+        self._t_mono_s = -math.inf
+        self._state: AutopilotState | None = None
+        self._stepped_s = -math.inf
+        self._willing = False
+        self._meeting = False
+        self._streaming = False
+        self._streamed_s = -math.inf
+        self._told_s = -math.inf
+        self.push: Push = NO_PUSH
+        """What the last step added, along north and east."""
+
+    def configure(self, parameters: Parameters) -> None:
+        """Take other parameters; what is being commanded goes on, so that the vehicle does not jump."""
+        if parameters.control.enabled != self._parameters.control.enabled:
+            self._enabled = parameters.control.enabled
+        if parameters.mode is not self._parameters.mode:
+            self.drop()
+        self._parameters = parameters
+        self._law = make_law(parameters)
+        self._hold.configure(parameters.hold)
+        self._correction.configure(parameters.control)
+        self._fade.configure(parameters.control)
+
+    @property
+    def active(self) -> bool:
+        """Whether a correction is in the setpoints."""
+        return self._fade.value > 0.0
+
+    @property
+    def refused_references(self) -> int:
+        """References from outside that mode `hold` did not take."""
+        return self._hold.refused
+
+    # ---- what is known
+
+    def advance_clock(self, t_mono_s: float) -> None:
+        """Note the host's time of the event that is being handled [s]."""
+        self._t_mono_s = t_mono_s
+
+    def add_position(self, position: LocalPosition) -> None:
+        """Take the vehicle's position."""
+        self._hold.add_position(position)
+
+    def turn(self, yaw_jump_rad: float) -> None:
+        """The autopilot's yaw was reset."""
+        self._hold.turn(yaw_jump_rad)
+
+    def autopilot_restarted(self) -> None:
+        """Positions mean nothing any more."""
+        self._hold.restarted()
+        self._application.end()
+        self.drop()
+
+    def set_state(self, state: AutopilotState) -> None:
+        """Take the autopilot's arming and mode."""
+        self._state = state
+        if state.mode is not FlightMode.OFFBOARD:
+            self.drop()
+
+    def switch(self, enabled: bool) -> bool:
+        """Enable or disable the correction; return whether that changed anything."""
+        changed = enabled != self._enabled
+        self._enabled = enabled
+        return changed
+
+    def land(self) -> None:
+        """The vehicle stands or is disarmed: nothing is commanded."""
+        self._streaming = False
+        self.drop()
+
+    def drop(self) -> None:
+        """Nothing follows the setpoints any more, or nobody asks: begin from zero the next time."""
+        self._willing = self._meeting = False
+        self._fade.cut()
+        self._correction.reset()
+        self.push = NO_PUSH
+
+    # ---- what is asked for
+
+    def take(self, setpoint: AppSetpoint) -> list[Action]:
+        """Take an application's setpoint: an empty answer means that it is met, and must not pass as well."""
+        if setpoint.source == 0:
+            return self._take_reference(setpoint)
+        if self._parameters.mode is not Mode.INLINE:
+            return [PassSetpoint()]
+        application = self._application
+        application.take(setpoint)
+        if (self._willing or self._meeting) and self._t_mono_s - self._stepped_s < LATE_S and self._asked():
+            if not self._meeting:
+                self._meeting = True
+                application.met()
+            return []
+        if self._meeting:
+            self.drop()
+        actions: list[Action] = [PassSetpoint()]
+        if application.is_contested(self._t_mono_s) and self._may_tell():
+            text = "two applications send setpoints: both pass uncorrected"
+            actions.append(StatusText(Severity.WARNING, text))
+        return actions
+
+    def leave(self, _other: UnmetSetpoint) -> None:
+        """The application asks for something that no correction meets: what it asked for before is void."""
+        self._application.end()
+        if self._meeting:
+            self.drop()
+
+    def _take_reference(self, setpoint: AppSetpoint) -> list[Action]:
+        if self._parameters.mode is not Mode.HOLD or self._hold.set(setpoint) or not self._may_tell():
+            return []
+        text = "reference refused: expected a velocity, with or without yaw, and nothing else"
+        return [StatusText(Severity.WARNING, text)]
+
+    def _may_tell(self) -> bool:
+        if self._t_mono_s - self._told_s < TEXT_EVERY_S:
+            return False
+        self._told_s = self._t_mono_s
+        return True
+
+    def _asked(self) -> bool:
+        """Whether there is something to correct."""
+        if self._parameters.mode is not Mode.INLINE:
+            return True
+        setpoint = self._application.setpoint
+        return (
+            setpoint is not None
+            and self._application.holds(self._t_mono_s)
+            and is_correctable(setpoint.use, self._kind)
+        )
+
+    @property
+    def _kind(self) -> AutopilotKind:
+        return self._state.kind if self._state is not None else AutopilotKind.OTHER
+
+    @property
+    def _armed(self) -> bool:
+        return self._state is not None and self._state.armed
+
+    @property
+    def _flight_mode(self) -> FlightMode:
+        """The mode, where it was reported lately."""
+        state = self._state
+        if state is None or self._t_mono_s - state.t_mono_s > HEARTBEAT_LATE_S:
+            return FlightMode.UNKNOWN
+        return state.mode
+
+    # ---- the command
+
+    def step(self, now: Situation) -> Setpoint | None:
+        """Answer one filter step with the setpoint that is to be sent, if any."""
+        self._stepped_s = self._t_mono_s
+        mode = self._parameters.mode
+        allowed = not now.gap and may_correct(
+            Conditions(mode, self._enabled, self._armed, self._flight_mode, now.payload, now.health, self._asked())
+        )
+        self._willing = allowed
+        if mode is Mode.INLINE:
+            if not self._meeting:
+                self.push = NO_PUSH
+                return None
+            if not self._application.holds(self._t_mono_s):
+                # The application is silent: from here on so is swingd, and the autopilot's own failsafe acts.
+                self.drop()
+                return None
+        fade = self._fade.update(allowed, now.dt_s)
+        wanted = self._wanted(now) if allowed else None
+        push = self._correction.update(wanted, fade, now.dt_s)
+        if mode is Mode.INLINE:
+            push = push.scaled(self._application.freshness(self._t_mono_s, now.dt_s))
+        self.push = push.turned(now.yaw_rad - now.level_yaw_rad) if push is not NO_PUSH else push
+        reference = self._inline_reference(fade) if mode is Mode.INLINE else self._hold_reference(now)
+        if reference is None:
+            return None
+        merged = merge(reference, self.push, self._kind)
+        return Setpoint(
+            t_boot_s=now.t_boot_s,
+            use=merged.use,
+            pos_ned_m=merged.pos_ned_m,
+            vel_ned_mps=merged.vel_ned_mps,
+            acc_ned_mps2=merged.acc_ned_mps2,
+            yaw_rad=merged.yaw_rad,
+            yaw_rate_radps=merged.yaw_rate_radps,
+        )
+
+    def _wanted(self, now: Situation) -> Vec2:
+        """What the law asks for, in the level frame; it sees the swing in the heading frame."""
+        ahead, rate = (turn(vector, -now.level_yaw_rad) for vector in (now.direction, now.direction_rate_per_s))
+        return turn(self._law.acceleration(ahead, rate), now.level_yaw_rad)
+
+    def _inline_reference(self, fade: float) -> Reference | None:
+        """The application's setpoint; None once the correction has faded, so that its next one passes as it comes."""
+        setpoint = self._application.setpoint
+        if setpoint is None or (fade <= 0.0 and not self._willing):
+            self.drop()
+            return None
+        return reference_of(setpoint)
+
+    def _hold_reference(self, now: Situation) -> Reference | None:
+        if now.health is Health.READY and self._armed:
+            self._streaming = True
+        elif not self._armed or self._t_mono_s - self._streamed_s > STREAM_LOST_S:
+            # Where the stream was interrupted for so long, the autopilot's failsafe has acted: it begins anew at READY.
+            self._streaming = False
+        if not self._streaming or now.health is Health.FAULT or self._parameters.mode is not Mode.HOLD:
+            return None
+        self._streamed_s = self._t_mono_s
+        return self._hold.at(self._t_mono_s, self._flight_mode, now.yaw_rad, self._kind)
+
+    def tick(self, health: Health) -> None:
+        """Notice what does not happen any more."""
+        late = self._t_mono_s - self._stepped_s > LATE_S
+        if health is Health.FAULT or (self._meeting and late):
+            # No setpoint of swingd's leaves any more: there is nothing to fade.
+            self.drop()

@@ -1,0 +1,86 @@
+"""Where a correction enters a setpoint, as each autopilot understands setpoints."""
+
+from dataclasses import dataclass
+
+from swingd.control.base import Vec2
+from swingd.model.events import AppSetpoint, AutopilotKind, SetpointUse, Vec3
+from swingd.pipeline.correction import NO_PUSH, Push
+
+_POS_XY = SetpointUse.POS_N | SetpointUse.POS_E
+_VEL_XY = SetpointUse.VEL_N | SetpointUse.VEL_E
+_ACC_XY = SetpointUse.ACC_N | SetpointUse.ACC_E
+_ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A setpoint in local NED before any correction; components outside ``use`` mean nothing."""
+
+    use: SetpointUse
+    pos_ned_m: Vec3 = _ZERO
+    vel_ned_mps: Vec3 = _ZERO
+    acc_ned_mps2: Vec3 = _ZERO
+    yaw_rad: float = 0.0
+    yaw_rate_radps: float = 0.0
+
+
+def reference_of(setpoint: AppSetpoint) -> Reference:
+    """Return what an application asks for."""
+    return Reference(
+        setpoint.use,
+        setpoint.pos_ned_m,
+        setpoint.vel_ned_mps,
+        setpoint.acc_ned_mps2,
+        setpoint.yaw_rad,
+        setpoint.yaw_rate_radps,
+    )
+
+
+def is_correctable(use: SetpointUse, kind: AutopilotKind) -> bool:
+    """Whether the autopilot flies a setpoint with these components in a way that a correction can enter.
+
+    PX4 takes each axis on its own, but north and east of a group only together. ArduPilot takes whole groups, and
+    approaches a position that stands alone by a path of its own, which a correction would only disturb.
+    """
+    if kind is AutopilotKind.PX4:
+        groups = [use & group for group in (_POS_XY, _VEL_XY, _ACC_XY)]
+        paired = all(
+            part in (SetpointUse.NONE, group) for part, group in zip(groups, (_POS_XY, _VEL_XY, _ACC_XY), strict=True)
+        )
+        return paired and any(groups)
+    if kind is AutopilotKind.ARDUPILOT:
+        parts = [use & group for group in (SetpointUse.POS, SetpointUse.VEL, SetpointUse.ACC)]
+        whole = all(
+            part in (SetpointUse.NONE, group)
+            for part, group in zip(parts, (SetpointUse.POS, SetpointUse.VEL, SetpointUse.ACC), strict=True)
+        )
+        return whole and bool(parts[1] or (parts[2] and not parts[0]))
+    return False
+
+
+def merge(reference: Reference, push: Push, kind: AutopilotKind) -> Reference:
+    """Add a correction to a correctable reference; without one it is returned as it is.
+
+    An acceleration alone is not enough: the autopilot's velocity loop would take it for a disturbance, and so would the
+    position loop a velocity alone. So every loop above the acceleration gets its consistent share.
+    """
+    if push == NO_PUSH:
+        return reference
+    use = reference.use
+    whole = kind is AutopilotKind.ARDUPILOT
+    pos, vel, acc = reference.pos_ned_m, reference.vel_ned_mps, reference.acc_ned_mps2
+    has_pos, has_vel = bool(use & _POS_XY), bool(use & _VEL_XY)
+    if has_pos:
+        pos = _added(pos, push.pos_m)
+    if has_pos or has_vel:
+        vel = _added(vel if has_vel else (0.0, 0.0, vel[2]), push.vel_mps)
+        use |= SetpointUse.VEL if whole else _VEL_XY
+    acc_n, acc_e, _ = acc if use & _ACC_XY else _ZERO
+    acc_d = acc[2] if use & SetpointUse.ACC_D else 0.0
+    acc = (acc_n + push.acc_mps2[0], acc_e + push.acc_mps2[1], acc_d)
+    use |= SetpointUse.ACC if whole else _ACC_XY
+    return Reference(use, pos, vel, acc, reference.yaw_rad, reference.yaw_rate_radps)
+
+
+def _added(vector: Vec3, horizontal: Vec2) -> Vec3:
+    return vector[0] + horizontal[0], vector[1] + horizontal[1], vector[2]
