@@ -7,8 +7,9 @@ ignore checksums.
 """
 
 import re
+import struct
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from fastcrc import crc16
@@ -16,11 +17,12 @@ from pymavlink.dialects.v20 import common as mavlink
 
 MAGIC_V1 = 0xFE
 MAGIC_V2 = 0xFD
+FLAG_SIGNED = 0x01
+CHECKSUM_BYTES = 2
+SIGNATURE_BYTES = 13
 _HEADER_V1 = 6
 _HEADER_V2 = 10
-_CHECKSUM = 2
-_SIGNATURE = 13
-_FLAG_SIGNED = 0x01
+_PAYLOAD_MAX = 255
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 
 
@@ -31,6 +33,31 @@ def _crc_table() -> tuple[int, ...]:
 
 _CRC_OF = _crc_table()
 _BYTE_OF_CRC = {crc: byte for byte, crc in enumerate(_CRC_OF)}
+
+
+def checksum_seed(frame: bytes) -> int | None:
+    """Seed (CRC extra) that makes the checksum of a frame right, whether its id is known or not.
+
+    Parameters
+    ----------
+    frame : bytes
+        One whole frame without signature.
+
+    Returns
+    -------
+    int or None
+        The only such seed, 0..255; None where no seed does.
+    """
+    crc = crc16.mcrf4xx(frame[1:-CHECKSUM_BYTES], 0xFFFF)
+    wanted = frame[-2] | frame[-1] << 8
+    byte = _BYTE_OF_CRC.get(wanted ^ crc >> 8)
+    return None if byte is None else byte ^ crc & 0xFF
+
+
+def checksum(frame: bytes, seed: int) -> bytes:
+    """Checksum over everything behind the magic of a frame that ends with its payload, as it stands on the wire."""
+    crc: int = crc16.mcrf4xx(frame[1:] + bytes((seed,)), 0xFFFF)
+    return crc.to_bytes(CHECKSUM_BYTES, "little")
 
 
 class _Decoder:
@@ -78,7 +105,20 @@ def _decoder(msg_id: int) -> _Decoder | None:
     return decoder
 
 
-@dataclass(frozen=True, slots=True)
+def _target_offsets(message_class: Any) -> tuple[int, int] | None:
+    """Offsets of ``target_system`` and ``target_component`` in the payload; beyond every payload where not there."""
+    names = message_class.ordered_fieldnames
+    if "target_system" not in names:
+        return None
+    sizes = [struct.calcsize("<" + part) for part in re.findall(r"\d*[a-zA-Z]", message_class.unpacker.format)]
+    offsets = {name: sum(sizes[:i]) for i, name in enumerate(names)}
+    return offsets["target_system"], offsets.get("target_component", _PAYLOAD_MAX)
+
+
+_TARGETS = {i: offsets for i, c in mavlink.mavlink_map.items() if (offsets := _target_offsets(c)) is not None}
+
+
+@dataclass(slots=True)
 class Frame:
     """One MAVLink frame with a good checksum, as it came."""
 
@@ -87,10 +127,50 @@ class Frame:
     msg_id: int
     system_id: int
     component_id: int
+    _message: Any = field(default=None, init=False, repr=False, compare=False)
+
+    @property
+    def is_v2(self) -> bool:
+        """Whether it is a MAVLink 2 frame."""
+        return self.raw[0] == MAGIC_V2
+
+    @property
+    def signed(self) -> bool:
+        """Whether it carries a signature, good or not."""
+        raw = self.raw
+        return raw[0] == MAGIC_V2 and bool(raw[2] & FLAG_SIGNED)
+
+    @property
+    def has_target(self) -> bool:
+        """Whether its message is addressed; one that has no target, or an unknown id, is for everybody."""
+        return self.msg_id in _TARGETS
+
+    @property
+    def target_system(self) -> int:
+        """System that it is addressed to; 0 for all, and where the message has no such field."""
+        offsets = _TARGETS.get(self.msg_id)
+        return 0 if offsets is None else self._payload_byte(offsets[0])
+
+    @property
+    def target_component(self) -> int:
+        """Component that it is addressed to; 0 for all, and where the message has no such field."""
+        offsets = _TARGETS.get(self.msg_id)
+        return 0 if offsets is None else self._payload_byte(offsets[1])
+
+    def _payload_byte(self, offset: int) -> int:
+        raw = self.raw
+        if offset >= raw[1]:
+            return 0  # MAVLink 2 cuts trailing zeros; MAVLink 1 has no extension fields
+        return raw[(_HEADER_V2 if raw[0] == MAGIC_V2 else _HEADER_V1) + offset]
 
     @property
     def message(self) -> Any:
-        """The message as pymavlink's object, a fresh one at each access; None for ids unknown to the dialect."""
+        """The message as pymavlink's object, decoded at the first look; None for ids unknown to the dialect."""
+        if self._message is None:
+            self._message = self._decode()
+        return self._message
+
+    def _decode(self) -> Any:
         decoder = _decoder(self.msg_id)
         if decoder is None:
             return None
@@ -106,8 +186,8 @@ class Frame:
 
 
 @dataclass(slots=True)
-class CodecCounters:
-    """What a codec has seen since it was made."""
+class FramingCounters:
+    """What a framer has seen since it was made."""
 
     frames: int = 0
     """Frames with a good checksum, ids unknown to the dialect included."""
@@ -119,17 +199,10 @@ class CodecCounters:
     """Starts of a frame whose checksum was wrong."""
     unknown_flags: int = 0
     """Starts of a frame with incompatibility flags that are not understood."""
-    sent: int = 0
-    """Frames packed."""
 
 
-class Codec:
-    """One end of a MAVLink link: frames out of received bytes, bytes out of messages.
-
-    Parameters
-    ----------
-    system_id, component_id : int
-        What `encode` signs its frames with, 1..255; both may be set later.
+class Framer:
+    """Frames out of received bytes.
 
     Notes
     -----
@@ -139,24 +212,9 @@ class Codec:
     Signatures are passed on, not checked.
     """
 
-    def __init__(self, system_id: int, component_id: int) -> None:
-        self.counters = CodecCounters()
+    def __init__(self) -> None:
+        self.counters = FramingCounters()
         self._pending = b""
-        self._packer = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
-
-    @property
-    def system_id(self) -> int:
-        """System that `encode` sends as."""
-        return int(self._packer.srcSystem)
-
-    @system_id.setter
-    def system_id(self, value: int) -> None:
-        self._packer.srcSystem = value
-
-    @property
-    def component_id(self) -> int:
-        """Component that `encode` sends as."""
-        return int(self._packer.srcComponent)
 
     def receive(self, data: bytes) -> list[Frame]:
         """Take the next bytes of the stream and return the frames that they complete; never raises.
@@ -184,17 +242,17 @@ class Codec:
             if data[at] == MAGIC_V2:
                 flags = data[at + 2]
                 if flags:
-                    if flags != _FLAG_SIGNED:
+                    if flags != FLAG_SIGNED:
                         counters.unknown_flags += 1
                         counters.garbage_bytes += 1
                         at += 1
                         continue
-                    signature = _SIGNATURE
+                    signature = SIGNATURE_BYTES
                 header = _HEADER_V2
             else:
                 header = _HEADER_V1
             checked = header + data[at + 1]
-            whole = checked + _CHECKSUM + signature
+            whole = checked + CHECKSUM_BYTES + signature
             if left < whole:
                 break
             raw = data[at : at + whole]
@@ -225,8 +283,41 @@ class Codec:
         self._pending = data[at:]
         return frames
 
+
+class Encoder:
+    """Bytes out of messages, numbered for one receiver: it counts the gaps in the sequence as losses of the link.
+
+    Parameters
+    ----------
+    system_id, component_id : int
+        Sender of the frames, 1..255; both may be set later.
+    """
+
+    def __init__(self, system_id: int, component_id: int) -> None:
+        self.sent = 0
+        """Frames packed."""
+        self._packer = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+
+    @property
+    def system_id(self) -> int:
+        """System that `encode` sends as."""
+        return int(self._packer.srcSystem)
+
+    @system_id.setter
+    def system_id(self, value: int) -> None:
+        self._packer.srcSystem = value
+
+    @property
+    def component_id(self) -> int:
+        """Component that `encode` sends as."""
+        return int(self._packer.srcComponent)
+
+    @component_id.setter
+    def component_id(self, value: int) -> None:
+        self._packer.srcComponent = value
+
     def encode(self, message: Any) -> bytes:
-        """Pack one of pymavlink's messages as MAVLink 2 with the next sequence number.
+        """Pack one of pymavlink's messages as an unsigned MAVLink 2 frame with the next sequence number.
 
         Raises
         ------
@@ -236,5 +327,19 @@ class Codec:
         packer = self._packer
         raw: bytes = message.pack(packer)
         packer.seq = (packer.seq + 1) & 0xFF
-        self.counters.sent += 1
+        self.sent += 1
         return raw
+
+
+class Codec(Framer, Encoder):
+    """Both directions of one link.
+
+    Parameters
+    ----------
+    system_id, component_id : int
+        Sender of what is encoded, 1..255; both may be set later.
+    """
+
+    def __init__(self, system_id: int, component_id: int) -> None:
+        Framer.__init__(self)
+        Encoder.__init__(self, system_id, component_id)

@@ -1,4 +1,3 @@
-import math
 import struct
 
 import pytest
@@ -6,7 +5,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from swingd.link.codec import Codec, Frame
+from swingd.link.codec import Codec, Encoder, Frame, checksum, checksum_seed
 
 from .messages import attitude, battery, imu, px4_heartbeat
 
@@ -119,10 +118,65 @@ def test_every_payload_of_every_message_decodes_as_pymavlink_does(msg_id, payloa
     assert frame.message.get_seq() == reference.get_seq()
 
 
-def test_each_look_at_a_message_is_a_fresh_object():
+def test_a_message_is_decoded_once():
     (frame,) = frames_of([GOOD[0]])
-    frame.message.xacc = math.nan
+    assert frame.message is frame.message
     assert frame.message.xacc == pytest.approx(0.1)
+    assert frame == frames_of([GOOD[0]])[0]  # whether somebody has looked is no difference
+
+
+def test_frames_tell_their_version_and_whether_they_are_signed():
+    assert [(f.is_v2, f.signed) for f in frames_of(GOOD)] == [
+        (True, False),
+        (False, False),
+        (True, True),
+        (True, False),
+        (True, False),
+    ]
+    odd = v1(attitude(2.5))
+    odd = odd[:2] + b"\x01" + odd[3:-2]  # MAVLink 1 has its sequence number where MAVLink 2 has the flags
+    odd += checksum(odd, mavlink.MAVLink_attitude_message.crc_extra)
+    assert not frames_of([odd])[0].signed
+
+
+@settings(max_examples=300)
+@given(st.sampled_from(sorted(mavlink.mavlink_map)), st.binary(max_size=255), st.booleans())
+def test_targets_are_those_that_pymavlink_decodes(msg_id, payload, first):
+    message_class = mavlink.mavlink_map[msg_id]
+    if first and msg_id < 256:
+        body = struct.pack("<BBBBB", len(payload), 0, 1, 1, msg_id) + payload
+        crc = mavlink.x25crc(body + bytes([message_class.crc_extra])).crc
+        raw = b"\xfe" + body + struct.pack("<H", crc)
+    else:
+        raw = unknown(msg_id, payload, message_class.crc_extra)
+    (frame,) = frames_of([raw])
+    reference = mavlink.MAVLink(None).decode(bytearray(raw))
+    assert frame.target_system == getattr(reference, "target_system", 0)
+    assert frame.target_component == getattr(reference, "target_component", 0)
+    assert frame.has_target == hasattr(reference, "target_system")
+
+
+def test_targets_of_what_is_cut_or_unknown_read_zero():
+    codec = Codec(1, 1)
+    command = mavlink.MAVLink_command_long_message(7, 190, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+    to_all = mavlink.MAVLink_command_long_message(0, 0, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+    ack = mavlink.MAVLink_command_ack_message(400, 0)
+    frames = frames_of([*map(codec.encode, [command, to_all, ack]), v1(ack), unknown(54321, bytes(range(1, 60)))])
+    assert [(f.target_system, f.target_component, f.has_target) for f in frames] == [
+        (7, 190, True),
+        (0, 0, True),
+        (0, 0, True),
+        (0, 0, True),
+        (0, 0, False),
+    ]
+
+
+@given(st.integers(0, 255), st.integers(0, 2**24 - 1), st.binary(max_size=255))
+def test_the_seed_of_any_frame_is_found(seed, msg_id, payload):
+    frame = unknown(msg_id, payload, seed)
+    assert checksum_seed(frame) == seed
+    assert checksum(frame[:-2], seed) == frame[-2:]
+    assert checksum_seed(frame[:-2] + bytes([frame[-2], frame[-1] ^ 0xFF])) != seed
 
 
 def test_encode_numbers_its_frames_and_signs_with_its_ids():
@@ -133,4 +187,15 @@ def test_encode_numbers_its_frames_and_signs_with_its_ids():
     assert {(f.system_id, f.component_id) for f in frames} == {(9, 191)}
     codec.system_id = 3
     assert frames_of([codec.encode(px4_heartbeat())])[0].system_id == 3
-    assert codec.counters.sent == 259
+    assert codec.sent == 259
+
+
+def test_each_encoder_has_its_own_sequence():
+    message = battery([16000])
+    first, second = Encoder(1, 191), Encoder(1, 191)
+    raw = [first.encode(message), first.encode(message), second.encode(message), first.encode(message)]
+    assert [f.raw[4] for f in frames_of(raw)] == [0, 1, 0, 2]
+    assert {f.message.voltages[0] for f in frames_of(raw)} == {16000}
+    second.system_id, second.component_id = 4, 5
+    (frame,) = frames_of([second.encode(message)])
+    assert (frame.system_id, frame.component_id) == (4, 5)
