@@ -21,7 +21,8 @@ from rich.table import Table
 from scipy.linalg import solve_continuous_are
 
 import swingd
-from swingd.config import parameters_from_json, parameters_to_json
+from swingd.config.loader import parameters_from_json
+from swingd.config.plain import parameters_to_json
 from swingd.core import swing_ekf as kernels
 from swingd.core.status import Status
 from swingd.engine import Engine

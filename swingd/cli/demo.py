@@ -42,7 +42,7 @@ def demo(
     The simulated autopilot and the daemon run in processes of their own and talk MAVLink over loopback UDP in real
     time; two flights of about 75 s.
     """
-    from swingd.config import load_parameters
+    from swingd.config.loader import load_parameters
 
     parameters = load_parameters(config, overrides or ())
     options.check_output(picture, "--picture", (config,))

@@ -49,7 +49,7 @@ def replay(
     Published sets that carry the true swing in their CSV are compared with it without --truth.
     """
     from swingd.cli.progress import bar
-    from swingd.config import load_parameters, parameters_from_json
+    from swingd.config.loader import load_parameters, parameters_from_json
     from swingd.model.errors import ConfigurationError
     from swingd.model.parameters import Parameters
     from swingd.record.truth import read_truth, within

@@ -33,7 +33,7 @@ def run(
     ] = None,
 ) -> None:
     """Run the daemon until SIGINT or SIGTERM: estimate the swing, publish it and, in mode hold, damp it."""
-    from swingd.config import load_parameters
+    from swingd.config.loader import load_parameters
     from swingd.service.logs import configure_logs
 
     settings = list(overrides or ())

@@ -39,7 +39,7 @@ def sim(
     ] = None,
 ) -> None:
     """Run a simulated PX4 with a slung load on its MAVLink link, for swingd or any other MAVLink tool."""
-    from swingd.config import load_parameters
+    from swingd.config.loader import load_parameters
 
     settings = list(overrides or ())
     if mavlink is not None:

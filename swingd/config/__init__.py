@@ -1,7 +1,4 @@
-"""Configuration files: schema, loader, checks and rendering, all derived from `swingd.model.parameters`."""
+"""Configuration files, all derived from `swingd.model.parameters`: schema, loader, checks, rendering, cache.
 
-from swingd.config.loader import load_parameters, parameters_from_json, parameters_to_json
-from swingd.config.render import dump_parameters
-from swingd.config.schema import json_schema
-
-__all__ = ["dump_parameters", "json_schema", "load_parameters", "parameters_from_json", "parameters_to_json"]
+Imports nothing here: the daemon forwards frames before pydantic is loaded.
+"""

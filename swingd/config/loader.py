@@ -12,12 +12,9 @@ from pydantic import ValidationError
 from swingd.config.checks import CHECKS
 from swingd.config.draft import Draft, shown
 from swingd.config.reader import read_file, read_value, yaml_problem
-from swingd.config.render import dump_parameters
-from swingd.config.schema import GROUPS, KEYS, Key, build, model_of, nested
+from swingd.config.schema import GROUPS, KEYS, Key, build, model_of
 from swingd.model.errors import ConfigurationError
 from swingd.model.parameters import Parameters
-
-__all__ = ["dump_parameters", "load_parameters", "parameters_from_json", "parameters_to_json"]
 
 
 def load_parameters(path: Path | str | None = None, overrides: Sequence[str] = ()) -> Parameters:
@@ -52,11 +49,6 @@ def load_parameters(path: Path | str | None = None, overrides: Sequence[str] = (
             draft.refuse(next((key for key in check.keys if key in draft.places), check.keys[0]), text)
     draft.raise_problems("configuration" if path is None else str(path))
     return parameters
-
-
-def parameters_to_json(parameters: Parameters) -> str:
-    """Write all parameters as one line of JSON; floats keep every bit."""
-    return json.dumps(nested(parameters), allow_nan=False, separators=(",", ":"))
 
 
 def parameters_from_json(text: str) -> Parameters:

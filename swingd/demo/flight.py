@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swingd.config import dump_parameters
+from swingd.config.render import dump_parameters
 from swingd.demo.pilot import Phase, Pilot, Step
 from swingd.model.errors import SwingdError
 from swingd.model.estimate import FloatArray

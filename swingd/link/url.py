@@ -10,6 +10,10 @@ FORMS = (
     "serial://DEVICE:BAUD, serial_flowcontrol://DEVICE:BAUD"
 )
 """What `parse_url` accepts, for help texts."""
+ANY_HOST = "0.0.0.0"
+"""Every IPv4 address of this machine."""
+LOOPBACK = "127.0.0.1"
+"""This machine alone."""
 
 
 def _authority(host: str, port: int) -> str:
@@ -85,14 +89,16 @@ _NETWORK: dict[str, type[UdpIn] | type[UdpOut] | type[TcpIn] | type[TcpOut]] = {
 _HOST_PORT = re.compile(r"(?:\[(?P<v6>[0-9A-Fa-f:.]+(?:%[\w.-]+)?)\]|(?P<host>[\w.-]*)):(?P<port>\d{1,5})/?", re.ASCII)
 
 
-def parse_url(url: str) -> LinkUrl:
+def parse_url(url: str, default_host: str = ANY_HOST) -> LinkUrl:
     """Parse a link URL.
 
     Parameters
     ----------
     url : str
-        One of `FORMS`. An empty host of a listening link means every IPv4 address; an IPv6 address stands in brackets.
-        MAVSDK's older ``udp://:PORT`` (listening) and ``tcp://HOST:PORT`` (connecting) are understood.
+        One of `FORMS`; an IPv6 address stands in brackets. MAVSDK's older ``udp://:PORT`` (listening) and
+        ``tcp://HOST:PORT`` (connecting) are understood.
+    default_host : str
+        What an empty host of a listening link means: `ANY_HOST` on the autopilot's side, `LOOPBACK` for an endpoint.
 
     Raises
     ------
@@ -128,5 +134,5 @@ def parse_url(url: str) -> LinkUrl:
     if not host:
         if not listening:
             raise wrong("a host is needed")
-        host = "0.0.0.0"
+        host = default_host
     return kind(host, port)

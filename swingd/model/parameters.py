@@ -294,6 +294,18 @@ class Link:
 
 
 @dataclass(frozen=True, slots=True)
+class Endpoint:
+    """One link of an application or a ground station."""
+
+    url: str = choice("udpin://127.0.0.1:14541", "link by URL; an empty host that waits means this machine alone")
+    shaper: ShaperName = choice(ShaperName.NONE, "how this application's setpoints are shaped: none, zv, zvd or ei")
+    key_file: str = choice(
+        "none", "file with the MAVLink 2 signing key of this endpoint: 64 hexadecimal digits; or none"
+    )
+    system_ids: tuple[int, ...] = quantity((), "1", 1, 255, "system ids that may send here; empty: any")
+
+
+@dataclass(frozen=True, slots=True)
 class Shaping:
     """Feed-forward: how an application's steps are spread so that they excite the swing less."""
 

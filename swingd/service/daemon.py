@@ -12,7 +12,7 @@ from pathlib import Path
 import structlog
 
 import swingd
-from swingd.config import parameters_to_json
+from swingd.config.plain import parameters_to_json
 from swingd.engine import Engine
 from swingd.link.transport import Transport, open_transport
 from swingd.model.actions import Action, Setpoint, StatusText, SwingReport

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import swingd
 from swingd.cli.main import app
-from swingd.config import load_parameters
+from swingd.config.loader import load_parameters
 from swingd.config.schema import KEYS, nested
 from swingd.control.summary import summarise
 from swingd.model.errors import ConfigurationError, LinkOpenError, LinkUrlError, LogFormatError, SwingdError

@@ -2,8 +2,8 @@
 
 import pytest
 
-from swingd.config import load_parameters
 from swingd.config.checks import CHECKS
+from swingd.config.loader import load_parameters
 from swingd.config.schema import KEYS
 from swingd.link.url import FORMS
 from swingd.model.errors import ConfigurationError

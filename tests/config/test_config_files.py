@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from swingd.config import dump_parameters, load_parameters
+from swingd.config.loader import load_parameters
+from swingd.config.render import dump_parameters
 from swingd.config.schema import KEYS
 from swingd.model.parameters import Mode, ThrustSource
 

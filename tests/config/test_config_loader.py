@@ -14,10 +14,11 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from parameter_strategies import parameter_sets, values
 
-from swingd.config import dump_parameters, load_parameters, parameters_from_json, parameters_to_json
 from swingd.config.checks import CHECKS
+from swingd.config.loader import load_parameters, parameters_from_json
+from swingd.config.plain import parameters_to_json
 from swingd.config.reader import DEPTH_MAX, SIZE_MAX
-from swingd.config.render import yaml_text
+from swingd.config.render import dump_parameters, yaml_text
 from swingd.config.schema import GROUPS, KEYS, nested, plain, value_of
 from swingd.model.errors import ConfigurationError
 from swingd.model.parameters import Control, Estimator, Hold, Link, Mode, Parameters, Payload, ThrustSource

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swingd.link.url import SerialPort, TcpIn, TcpOut, UdpIn, UdpOut, parse_url
+from swingd.link.url import LOOPBACK, SerialPort, TcpIn, TcpOut, UdpIn, UdpOut, parse_url
 from swingd.model.errors import LinkUrlError
 
 PARSED = {
@@ -29,6 +29,26 @@ PARSED = {
 def test_accepted(text, url):
     assert parse_url(text) == url
     assert parse_url(str(url)) == url
+
+
+@pytest.mark.parametrize(
+    ("text", "url"),
+    [
+        ("udpin://:14541", UdpIn("127.0.0.1", 14541)),
+        ("udp://:14541", UdpIn("127.0.0.1", 14541)),
+        ("tcpin://:5760", TcpIn("127.0.0.1", 5760)),
+        ("udpin://0.0.0.0:14541", UdpIn("0.0.0.0", 14541)),
+        ("udpin://[::]:14541", UdpIn("::", 14541)),
+        ("udpout://192.168.1.12:14550", UdpOut("192.168.1.12", 14550)),
+    ],
+)
+def test_an_empty_host_is_this_machine_alone_where_that_is_asked_for(text, url):
+    assert parse_url(text, default_host=LOOPBACK) == url
+
+
+def test_a_host_to_connect_to_has_no_default():
+    with pytest.raises(LinkUrlError, match="a host is needed"):
+        parse_url("udpout://:14550", default_host=LOOPBACK)
 
 
 @pytest.mark.parametrize(

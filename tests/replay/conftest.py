@@ -7,7 +7,7 @@ import pytest
 from engine.flight import Flight, hold
 
 import swingd
-from swingd.config import parameters_to_json
+from swingd.config.plain import parameters_to_json
 from swingd.model.actions import SwingReport
 from swingd.model.parameters import Parameters
 from swingd.record.event_log import EventLogWriter

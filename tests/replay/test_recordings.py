@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from typer.testing import CliRunner
 
 from swingd.cli.main import app
-from swingd.config import load_parameters, parameters_from_json
+from swingd.config.loader import load_parameters, parameters_from_json
 from swingd.link.codec import Codec
 from swingd.model.actions import SwingReport
 from swingd.model.errors import LogFormatError

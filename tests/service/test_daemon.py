@@ -13,7 +13,7 @@ import structlog
 import uvloop
 from pymavlink.dialects.v20 import common as mavlink
 
-from swingd.config import parameters_from_json
+from swingd.config.loader import parameters_from_json
 from swingd.link.codec import Codec
 from swingd.model.actions import Health
 from swingd.model.errors import LinkOpenError, LinkUrlError

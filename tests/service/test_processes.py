@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from swingd.config import parameters_from_json
+from swingd.config.loader import parameters_from_json
 from swingd.record.event_log import EventLogReader, RecordKind
 from swingd.replay import replay
 
