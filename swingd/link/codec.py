@@ -8,7 +8,7 @@ ignore checksums.
 
 import re
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,11 +17,11 @@ from pymavlink.dialects.v20 import common as mavlink
 
 MAGIC_V1 = 0xFE
 MAGIC_V2 = 0xFD
-FLAG_SIGNED = 0x01
+HEADER_V1 = 6
+HEADER_V2 = 10
 CHECKSUM_BYTES = 2
 SIGNATURE_BYTES = 13
-_HEADER_V1 = 6
-_HEADER_V2 = 10
+FLAG_SIGNED = 0x01
 _PAYLOAD_MAX = 255
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 
@@ -52,6 +52,20 @@ def checksum_seed(frame: bytes) -> int | None:
     wanted = frame[-2] | frame[-1] << 8
     byte = _BYTE_OF_CRC.get(wanted ^ crc >> 8)
     return None if byte is None else byte ^ crc & 0xFF
+
+
+def cut_frames(frames: bytes) -> Iterator[bytes]:
+    """Cut whole frames that were joined; a rest that begins no frame comes last, as it is."""
+    at, size = 0, len(frames)
+    while at < size:
+        end = size
+        if size - at >= 3 and frames[at] == MAGIC_V2:
+            end = at + HEADER_V2 + frames[at + 1] + CHECKSUM_BYTES
+            end += SIGNATURE_BYTES if frames[at + 2] & FLAG_SIGNED else 0
+        elif size - at >= 3 and frames[at] == MAGIC_V1:
+            end = at + HEADER_V1 + frames[at + 1] + CHECKSUM_BYTES
+        yield frames[at:end]
+        at = end
 
 
 def checksum(frame: bytes, seed: int) -> bytes:
@@ -161,7 +175,7 @@ class Frame:
         raw = self.raw
         if offset >= raw[1]:
             return 0  # MAVLink 2 cuts trailing zeros; MAVLink 1 has no extension fields
-        return raw[(_HEADER_V2 if raw[0] == MAGIC_V2 else _HEADER_V1) + offset]
+        return raw[(HEADER_V2 if raw[0] == MAGIC_V2 else HEADER_V1) + offset]
 
     @property
     def message(self) -> Any:
@@ -175,7 +189,7 @@ class Frame:
         if decoder is None:
             return None
         raw = self.raw
-        start = _HEADER_V2 if raw[0] == MAGIC_V2 else _HEADER_V1
+        start = HEADER_V2 if raw[0] == MAGIC_V2 else HEADER_V1
         message = decoder(raw[start : start + raw[1]])
         header = message.get_header()
         header.srcSystem = self.system_id
@@ -204,6 +218,11 @@ class FramingCounters:
 class Framer:
     """Frames out of received bytes.
 
+    Parameters
+    ----------
+    counters : FramingCounters, optional
+        Where to count, for several framers that count together; else a new one.
+
     Notes
     -----
     The frames do not depend on how the stream is cut into chunks. After a false start the search goes on at the next
@@ -212,8 +231,8 @@ class Framer:
     Signatures are passed on, not checked.
     """
 
-    def __init__(self) -> None:
-        self.counters = FramingCounters()
+    def __init__(self, counters: FramingCounters | None = None) -> None:
+        self.counters = FramingCounters() if counters is None else counters
         self._pending = b""
 
     def receive(self, data: bytes) -> list[Frame]:
@@ -248,15 +267,15 @@ class Framer:
                         at += 1
                         continue
                     signature = SIGNATURE_BYTES
-                header = _HEADER_V2
+                header = HEADER_V2
             else:
-                header = _HEADER_V1
+                header = HEADER_V1
             checked = header + data[at + 1]
             whole = checked + CHECKSUM_BYTES + signature
             if left < whole:
                 break
             raw = data[at : at + whole]
-            if header == _HEADER_V2:
+            if header == HEADER_V2:
                 msg_id = raw[7] | raw[8] << 8 | raw[9] << 16
                 system_id = raw[5]
                 component_id = raw[6]

@@ -113,7 +113,7 @@ class Daemon:
                 flush_s = now_s
                 self._event_log.flush()
 
-    def _received(self, data: bytes) -> None:
+    def _received(self, _peer: int, data: bytes) -> None:
         received_s = time.monotonic()
         self._setpoints_made = 0
         self._send(self._engine.receive(received_s, data))

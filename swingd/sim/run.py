@@ -69,10 +69,10 @@ async def run_simulation(
     simulation = parameters.simulation
     links: list[Transport] = []
 
-    def receiver(own: int) -> Callable[[bytes], None]:
+    def receiver(own: int) -> Callable[[int, bytes], None]:
         """What one link says is heard by the autopilot and by the other link, as PX4 forwards it."""
 
-        def received(data: bytes) -> None:
+        def received(_peer: int, data: bytes) -> None:
             peer.receive(data)
             for number, link in enumerate(links):
                 if number != own:

@@ -27,7 +27,7 @@ class Received(bytearray):
         super().__init__()
         self.calls = 0
 
-    def __call__(self, data: bytes) -> None:
+    def __call__(self, _peer: int, data: bytes) -> None:
         self.calls += 1
         self.extend(data)
 
