@@ -1,18 +1,33 @@
-"""Between MAVLink and the model: received bytes become events, actions become bytes; no I/O, no clock of its own."""
+"""Between MAVLink and the model: frames become events, actions become messages; no I/O, no clock of its own."""
 
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link import swing_message
-from swingd.link.clock import AHEAD_S, LATE_S, RemoteClock, Verdict, unwrap
 from swingd.link.codec import Codec, Frame
-from swingd.link.swing_message import float32
+from swingd.link.setpoints import (
+    ACC_MAX_MPS2,
+    FORCE_BIT,
+    POS_MAX_M,
+    SETPOINT_IDS,
+    USE_MASK,
+    VEL_MAX_MPS,
+    YAW,
+    YAW_MAX_RAD,
+    YAW_RATE,
+    YAW_RATE_MAX_RADPS,
+    GeodeticPoint,
+    VehicleView,
+    meet,
+    pack,
+)
+from swingd.link.stamps import Drop, Stamps
+from swingd.link.streams import StreamRequests
 from swingd.model.actions import (
     Action,
     ClockRequest,
@@ -29,7 +44,6 @@ from swingd.model.events import (
     AppSetpoint,
     Attitude,
     AutopilotKind,
-    AutopilotRestart,
     AutopilotState,
     Battery,
     Event,
@@ -42,41 +56,35 @@ from swingd.model.events import (
     RoundTrip,
     SetpointUse,
     Stream,
-    StreamRefused,
     Throttle,
+    UnmetSetpoint,
     Vec3,
     VoltageCompensation,
 )
-from swingd.model.parameters import Link, Thrust
+from swingd.model.parameters import Link, ShaperName, Thrust
+
+__all__ = ["AutopilotAdapter", "AutopilotId", "Drop"]
 
 _BY_NAME = -1
 _CLOCK_REQUESTS_KEPT = 64
-# Plain integers: arithmetic with flags costs a microsecond each.
-_FORCE_BIT = 0x200
-_USE_MASK = 0xDFF
 _POS_N, _VEL_N, _ACC_N = SetpointUse.POS_N.value, SetpointUse.VEL_N.value, SetpointUse.ACC_N.value
-_YAW, _YAW_RATE = SetpointUse.YAW.value, SetpointUse.YAW_RATE.value
-
-# The boot clock is kept modulo the 32 bit of time_boot_ms; SERVO_OUTPUT_RAW.time_usec has 32 bit of microseconds.
-_BOOT_PERIOD_US = 2**32 * 1000
-_BOOT_PERIOD_S = _BOOT_PERIOD_US * 1e-6
-_USEC32_PERIOD_S = 2**32 * 1e-6
-_UNIX_MIN_US = 10**15
-_UNIX_MAX_US = 10**16
-_UNIX_LATCH_S = 1.0
-_UNIX_STEP_S = 0.005
 
 _PREFERRED_FOR_S = 1.0
 _BATTERY_FOR_S = 5.0
-_ACK_WITHIN_S = 3.0
-_ACKS_AWAITED = 64
+_ASK_EVERY_S = 5.0
+_REMOTE_CONTROL_HZ = 5.0
+_REMOTE_CONTROL_SILENT_S = 1.0
 
-_ACC_MAX_MPS2 = 1000.0
 _GYRO_MAX_RADPS = 200.0
 _ANGLE_MAX_RAD = 2.0 * math.pi + 1e-3
-_POS_MAX_M = 1e7
-_VEL_MAX_MPS = 1e3
-_YAW_MAX_RAD = 1e3
+_MPS2_PER_MG = 9.80665e-3
+
+_IMU_IDS: tuple[int, ...] = (
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU,
+    mavlink.MAVLINK_MSG_ID_RAW_IMU,
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU,
+)
+"""The messages that can carry the IMU of an ArduPilot, the best first."""
 
 _CHUNK = 50
 _CHUNKS_MAX = 255
@@ -109,44 +117,8 @@ _MAV_STATES = {
     Health.DEGRADED: mavlink.MAV_STATE_CRITICAL,
     Health.FAULT: mavlink.MAV_STATE_EMERGENCY,
 }
-_REQUESTED: dict[Stream, tuple[int, ...]] = {
-    Stream.IMU: (mavlink.MAVLINK_MSG_ID_HIGHRES_IMU,),
-    Stream.ATTITUDE: (mavlink.MAVLINK_MSG_ID_ATTITUDE,),
-    Stream.THROTTLE: (mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET,),
-    Stream.MOTORS: (mavlink.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS, mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW),
-    Stream.BATTERY: (mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,),
-    Stream.LOCAL_POSITION: (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,),
-    Stream.LANDED_STATE: (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,),
-}
-
-
 _VOLTAGE_COMPENSATION = {AutopilotKind.PX4: "MC_BAT_SCALE_EN", AutopilotKind.ARDUPILOT: "MOT_BAT_VOLT_MAX"}
 """The parameter that is not zero where the autopilot scales its outputs with the voltage."""
-
-
-class Drop(Enum):
-    """Why something received or asked for was not used."""
-
-    OTHER_SENDER = "other_sender"
-    """A message that swingd consumes, from a system or component that it does not serve."""
-    NOT_FINITE = "not_finite"
-    """A field is NaN or infinite."""
-    IMPOSSIBLE = "impossible"
-    """A field is outside of what can be."""
-    DUPLICATE = "duplicate"
-    """The stamp of the stream's last sample again."""
-    REORDERED = "reordered"
-    """A stamp before the stream's last sample."""
-    LATE = "late"
-    """Delivered more than `swingd.link.clock.LATE_S` later than others."""
-    AHEAD = "ahead"
-    """A stamp of the future."""
-    NO_CLOCK = "no_clock"
-    """The stamp cannot be related to the boot clock yet."""
-    SETPOINT_FRAME = "setpoint_frame"
-    """An application's setpoint in another frame than LOCAL_NED, or as a force."""
-    OUTGOING = "outgoing"
-    """An action that cannot be sent: no autopilot known, or not finite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,33 +131,24 @@ class AutopilotId:
 
 
 @dataclass(slots=True)
-class _Request:
-    """A stream's interval requests on their way."""
-
-    stream: Stream
-    t_mono_s: float
-    unanswered: int
-    accepted: bool = False
-
-
-@dataclass(slots=True)
 class _State:
     """What is known of one life of the autopilot; void after its restart."""
 
     driven: tuple[int, ...]
-    clock: RemoteClock = field(default_factory=RemoteClock)
-    unix: RemoteClock = field(default_factory=RemoteClock)
-    unix_first_s: float | None = None
-    unix_minus_boot_s: float | None = None
-    last_s: dict[Stream, float] = field(default_factory=lambda: dict.fromkeys(Stream, -math.inf))
+    view: VehicleView = field(default_factory=VehicleView)
+    imu_t_mono_s: list[float | None] = field(default_factory=lambda: [None] * len(_IMU_IDS))
+    """Last arrival of each message that can carry the IMU, the best first."""
     attitude_t_mono_s: float = -math.inf
+    attitude_target_t_mono_s: float = -math.inf
     actuator_t_mono_s: float = -math.inf
     battery_t_mono_s: float = -math.inf
     battery_0_t_mono_s: float = -math.inf
+    remote_control_t_mono_s: float = -math.inf
+    asked_t_mono_s: float = -math.inf
 
 
 class AutopilotAdapter:
-    """Turns received bytes into events and actions into bytes.
+    """Turns received frames into events and actions into messages.
 
     Parameters
     ----------
@@ -201,12 +164,8 @@ class AutopilotAdapter:
 
     Notes
     -----
-    Received bytes never raise, and the events do not depend on how the bytes are cut.
-
-    Stamps: the boot clock is tracked by `RemoteClock` over all streams and counted on over the wrap of ``time_boot_ms``
-    (49.7 days; 71.6 minutes for SERVO_OUTPUT_RAW), so ``t_boot_s`` only goes back with an `AutopilotRestart`. A
-    ``time_usec`` that is a unix time (above 10^15 us, as MAVLink says) is turned into boot time by a difference that is
-    latched once: from SYSTEM_TIME, else from a second of arrivals; a step of the unix clock latches anew.
+    Received frames never raise. `Stamps` puts all samples on one boot clock; `StreamRequests` knows which message
+    carries a stream on which autopilot. Of several messages that carry the same, only the best that comes is used.
     """
 
     def __init__(self, link: Link, thrust: Thrust) -> None:
@@ -220,11 +179,18 @@ class AutopilotAdapter:
         """Samples that became events."""
         self._system_id_wanted = link.system_id
         self._component_id = link.component_id
-        self._requests: deque[tuple[int, _Request]] = deque(maxlen=_ACKS_AWAITED)
+        self._wants_remote_control = link.rc_channel != 0
+        self._stamps = Stamps(self.drops, self.received, self._restarted)
+        self._requests = StreamRequests()
         self._clock_requests: deque[int] = deque(maxlen=_CLOCK_REQUESTS_KEPT)
         self._t_mono_s = 0.0
         self._text_id = 0
         self._state = self._anew()
+
+    @property
+    def view(self) -> VehicleView:
+        """What the autopilot told of itself since it started, as far as its reading of setpoints depends on it."""
+        return self._state.view
 
     def configure_motors(self, thrust: Thrust) -> None:
         """Take how motor outputs are normalised.
@@ -249,6 +215,10 @@ class AutopilotAdapter:
     def _anew(self) -> _State:
         return _State(driven=tuple(range(self._motor_count)))
 
+    def _restarted(self) -> None:
+        self._state = self._anew()
+        self._requests.restarted()
+
     # ------------------------------------------------------------------------------------------------ receiving
 
     def receive(self, t_mono_s: float, data: bytes) -> list[Event]:
@@ -263,7 +233,7 @@ class AutopilotAdapter:
         t_mono_s : float
             The host's monotonic clock at the arrival [s].
         frames : sequence of Frame
-            What came from the autopilot's side, whoever sent it.
+            What came from the autopilot's side, whoever sent it, and what is addressed to swingd itself.
         """
         self._t_mono_s = t_mono_s
         events: list[Event] = []
@@ -276,16 +246,46 @@ class AutopilotAdapter:
                 autopilot = self._discover(frame)
             if frame.msg_id == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 if autopilot is not None:
-                    self._app_setpoint(t_mono_s, frame, events)
+                    self._reference(t_mono_s, frame, events)
             elif (
                 autopilot is not None
                 and frame.system_id == autopilot.system_id
                 and frame.component_id == autopilot.component_id
             ):
+                self._requests.heard(frame.msg_id)
                 handler(self, t_mono_s, frame, events)
             else:
                 self.drops[Drop.OTHER_SENDER] += 1
         return events
+
+    def app_setpoint(
+        self, t_mono_s: float, frame: Frame, source: int, shaper: ShaperName = ShaperName.NONE
+    ) -> AppSetpoint | UnmetSetpoint | None:
+        """Say what an application's frame, addressed to the autopilot, means to the correction; never raises.
+
+        Parameters
+        ----------
+        t_mono_s : float
+            The host's monotonic clock at its arrival [s].
+        frame : Frame
+            Any; only those of `swingd.link.setpoints.SETPOINT_IDS` mean something.
+        source : int
+            Who sent it, see `AppSetpoint`.
+        shaper : ShaperName
+            How this source's setpoints are to be shaped.
+
+        Returns
+        -------
+        AppSetpoint
+            A setpoint in LOCAL_NED, as this autopilot reads the frame at this instant.
+        UnmetSetpoint
+            The frame takes the place of what the autopilot follows, and no correction can meet it.
+        None
+            The frame changes nothing of what the autopilot follows: it is to pass.
+        """
+        if self.autopilot is None or frame.msg_id not in SETPOINT_IDS:
+            return None
+        return meet(self.autopilot.kind, frame.message, self._state.view, t_mono_s, source, shaper)
 
     def _discover(self, frame: Frame) -> AutopilotId | None:
         if frame.component_id != mavlink.MAV_COMP_ID_AUTOPILOT1 or frame.system_id == 0:
@@ -304,6 +304,7 @@ class AutopilotAdapter:
         }.get(heartbeat.autopilot, AutopilotKind.OTHER)
         self.autopilot = AutopilotId(frame.system_id, frame.component_id, kind)
         self.codec.system_id = frame.system_id
+        self._requests.serve(kind)
         return self.autopilot
 
     def _heartbeat(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
@@ -324,23 +325,55 @@ class AutopilotAdapter:
         events.append(AutopilotState(t_mono_s, armed, mode, self.autopilot.kind))
 
     def _imu(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
+        assert self.autopilot is not None
         m = frame.message
-        if m.id != 0:
-            return
-        acc = (m.xacc, m.yacc, m.zacc)
-        gyro = (m.xgyro, m.ygyro, m.zgyro)
-        if self._plausible(acc, _ACC_MAX_MPS2) and self._plausible(gyro, _GYRO_MAX_RADPS):
-            t_boot_s = self._stamp_usec(Stream.IMU, t_mono_s, m.time_usec, events)
+        # ArduPilot gives its primary sensor, whose number need not be 0.
+        if (m.id == 0 or self.autopilot.kind is AutopilotKind.ARDUPILOT) and self._is_imu(t_mono_s, frame.msg_id):
+            self._emit_imu(t_mono_s, (m.xacc, m.yacc, m.zacc), (m.xgyro, m.ygyro, m.zgyro), m.time_usec, events)
+
+    def _raw_imu(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
+        m = frame.message
+        if m.id == 0 and self._is_imu(t_mono_s, frame.msg_id):
+            self._emit_imu(t_mono_s, *_scaled(m), m.time_usec, events)
+
+    def _scaled_imu(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
+        if self._is_imu(t_mono_s, frame.msg_id):
+            m = frame.message
+            self._emit_imu(t_mono_s, *_scaled(m), m.time_boot_ms * 1000, events)
+
+    def _is_imu(self, t_mono_s: float, msg_id: int) -> bool:
+        """Whether samples are taken from this message: only from the best that comes, so that two never mix."""
+        assert self.autopilot is not None
+        if self.autopilot.kind is not AutopilotKind.ARDUPILOT:
+            # RAW_IMU of others is in units of its own, and their HIGHRES_IMU always comes.
+            return msg_id == _IMU_IDS[0]
+        last_s = self._state.imu_t_mono_s
+        rank = _IMU_IDS.index(msg_id)
+        last_s[rank] = t_mono_s
+        for better in range(rank):
+            if self._requests.denied(_IMU_IDS[better]):
+                continue
+            better_s = last_s[better]
+            if better_s is None:
+                # Whether it comes is not known yet.
+                better_s = last_s[better] = t_mono_s
+            if t_mono_s - better_s < _PREFERRED_FOR_S:
+                return False
+        return True
+
+    def _emit_imu(self, t_mono_s: float, acc: Vec3, gyro: Vec3, time_usec: int, events: list[Event]) -> None:
+        if self._plausible(acc, ACC_MAX_MPS2) and self._plausible(gyro, _GYRO_MAX_RADPS):
+            t_boot_s = self._stamps.usec(Stream.IMU, t_mono_s, time_usec, events)
             if t_boot_s is not None:
                 events.append(Imu(t_mono_s, t_boot_s, acc, gyro))
 
     def _attitude(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
         m = frame.message
         if self._plausible((m.roll, m.pitch, m.yaw), _ANGLE_MAX_RAD):
-            t_boot_s = self._stamp_ms(Stream.ATTITUDE, t_mono_s, m.time_boot_ms, events)
+            t_boot_s = self._stamps.ms(Stream.ATTITUDE, t_mono_s, m.time_boot_ms, events)
             if t_boot_s is not None:
                 self._state.attitude_t_mono_s = t_mono_s
-                events.append(Attitude(t_mono_s, t_boot_s, m.roll, m.pitch, m.yaw))
+                self._emit_attitude(Attitude(t_mono_s, t_boot_s, m.roll, m.pitch, m.yaw), events)
 
     def _attitude_quaternion(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
         if t_mono_s - self._state.attitude_t_mono_s < _PREFERRED_FOR_S:
@@ -353,15 +386,21 @@ class AutopilotAdapter:
         if not 0.9 < norm < 1.1:
             self.drops[Drop.IMPOSSIBLE] += 1
             return
-        t_boot_s = self._stamp_ms(Stream.ATTITUDE, t_mono_s, m.time_boot_ms, events)
+        t_boot_s = self._stamps.ms(Stream.ATTITUDE, t_mono_s, m.time_boot_ms, events)
         if t_boot_s is not None:
             roll_rad = math.atan2(2.0 * (w * x + y * z), w * w - x * x - y * y + z * z)
             pitch_rad = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x) / norm)))
-            yaw_rad = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
-            events.append(Attitude(t_mono_s, t_boot_s, roll_rad, pitch_rad, yaw_rad))
+            yaw_rad = _yaw_rad(w, x, y, z)
+            self._emit_attitude(Attitude(t_mono_s, t_boot_s, roll_rad, pitch_rad, yaw_rad), events)
+
+    def _emit_attitude(self, attitude: Attitude, events: list[Event]) -> None:
+        self._state.view.attitude = attitude
+        events.append(attitude)
 
     def _attitude_target(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
         m = frame.message
+        if not m.type_mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE and all(map(math.isfinite, m.q)):
+            self._state.view.heading_sp = (t_mono_s, _yaw_rad(*m.q))
         if m.type_mask & mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE:
             return
         if not self._plausible((m.thrust,), math.inf):
@@ -369,9 +408,26 @@ class AutopilotAdapter:
         if not -0.01 <= m.thrust <= 1.01:
             self.drops[Drop.IMPOSSIBLE] += 1
             return
-        t_boot_s = self._stamp_ms(Stream.THROTTLE, t_mono_s, m.time_boot_ms, events)
+        t_boot_s = self._stamps.ms(Stream.THROTTLE, t_mono_s, m.time_boot_ms, events)
         if t_boot_s is not None:
+            self._state.attitude_target_t_mono_s = t_mono_s
             events.append(Throttle(t_mono_s, t_boot_s, max(0.0, min(1.0, m.thrust))))
+
+    def _vfr_hud(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
+        """Take ArduPilot's throttle, a whole percent without a stamp, as a last resort."""
+        assert self.autopilot is not None
+        if (
+            self.autopilot.kind is not AutopilotKind.ARDUPILOT
+            or t_mono_s - self._state.attitude_target_t_mono_s < _PREFERRED_FOR_S
+        ):
+            return
+        throttle = frame.message.throttle * 1e-2
+        if throttle > 1.0:
+            self.drops[Drop.IMPOSSIBLE] += 1
+            return
+        t_boot_s = self._stamps.arrival(Stream.THROTTLE, t_mono_s)
+        if t_boot_s is not None:
+            events.append(Throttle(t_mono_s, t_boot_s, throttle))
 
     def _actuator_output_status(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
         m = frame.message
@@ -379,7 +435,7 @@ class AutopilotAdapter:
         if outputs is not None:
             self._state.actuator_t_mono_s = t_mono_s
         if outputs:
-            t_boot_s = self._stamp_usec(Stream.MOTORS, t_mono_s, m.time_usec, events)
+            t_boot_s = self._stamps.usec(Stream.MOTORS, t_mono_s, m.time_usec, events)
             if t_boot_s is not None:
                 events.append(Motors(t_mono_s, t_boot_s, outputs))
 
@@ -391,7 +447,7 @@ class AutopilotAdapter:
             return
         outputs = self._motor_outputs([getattr(m, name) for name in _SERVO_FIELDS])
         if outputs:
-            t_boot_s = self._stamp_usec32(Stream.MOTORS, t_mono_s, m.time_usec)
+            t_boot_s = self._stamps.usec32(Stream.MOTORS, t_mono_s, m.time_usec)
             if t_boot_s is not None:
                 events.append(Motors(t_mono_s, t_boot_s, outputs))
 
@@ -442,30 +498,34 @@ class AutopilotAdapter:
         m = frame.message
         pos = (m.x, m.y, m.z)
         vel = (m.vx, m.vy, m.vz)
-        if self._plausible(pos, _POS_MAX_M) and self._plausible(vel, _VEL_MAX_MPS):
-            t_boot_s = self._stamp_ms(Stream.LOCAL_POSITION, t_mono_s, m.time_boot_ms, events)
+        if self._plausible(pos, POS_MAX_M) and self._plausible(vel, VEL_MAX_MPS):
+            t_boot_s = self._stamps.ms(Stream.LOCAL_POSITION, t_mono_s, m.time_boot_ms, events)
             if t_boot_s is not None:
-                events.append(LocalPosition(t_mono_s, t_boot_s, pos, vel))
+                self._state.view.local = local = LocalPosition(t_mono_s, t_boot_s, pos, vel)
+                events.append(local)
+
+    def _gps_global_origin(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
+        self._state.view.origin = self._geodetic_point(frame.message) or self._state.view.origin
+
+    def _home_position(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
+        self._state.view.home = self._geodetic_point(frame.message) or self._state.view.home
+
+    def _geodetic_point(self, m: Any) -> GeodeticPoint | None:
+        if abs(m.latitude) > 900_000_000 or abs(m.longitude) > 1_800_000_000:
+            self.drops[Drop.IMPOSSIBLE] += 1
+            return None
+        return GeodeticPoint(m.latitude, m.longitude, m.altitude)
+
+    def _rc_channels(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
+        self._state.remote_control_t_mono_s = t_mono_s
 
     def _extended_sys_state(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
         self.received[Stream.LANDED_STATE] += 1
         events.append(Landed(t_mono_s, _LANDED.get(frame.message.landed_state, LandedState.UNKNOWN)))
 
     def _system_time(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
-        """Relate the autopilot's unix clock to its boot clock, where its stamps are unix times."""
         m = frame.message
-        if self._state.unix_first_s is None or not _UNIX_MIN_US < m.time_unix_usec < _UNIX_MAX_US:
-            return
-        expected_s = self._expected_boot_s(t_mono_s)
-        if expected_s is None:
-            return
-        boot_s = unwrap(m.time_boot_ms * 1e-3, expected_s, _BOOT_PERIOD_S)
-        if not -LATE_S < boot_s - expected_s <= AHEAD_S:
-            return
-        difference_s = m.time_unix_usec * 1e-6 - boot_s
-        known_s = self._state.unix_minus_boot_s
-        if known_s is None or abs(difference_s - known_s) > _UNIX_STEP_S:
-            self._state.unix_minus_boot_s = difference_s
+        self._stamps.relate_unix(t_mono_s, m.time_unix_usec, m.time_boot_ms)
 
     def _command_ack(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
         m = frame.message
@@ -473,19 +533,9 @@ class AutopilotAdapter:
             return
         if m.target_system not in (0, self.codec.system_id) or m.target_component not in (0, self._component_id):
             return
-        # An acknowledgement does not say which message it is about; autopilots answer in the order of the requests.
-        while self._requests and t_mono_s - self._requests[0][1].t_mono_s > _ACK_WITHIN_S:
-            self._requests.popleft()
-        if not self._requests:
-            return
-        msg_id, request = self._requests.popleft()
-        request.unanswered -= 1
-        request.accepted |= m.result == mavlink.MAV_RESULT_ACCEPTED
-        if request.unanswered == 0 and not request.accepted:
-            name = mavlink.mavlink_map[msg_id].msgname
-            result = mavlink.enums["MAV_RESULT"].get(m.result)
-            reason = f"{name}: {result.name if result else m.result}"
-            events.append(StreamRefused(t_mono_s, request.stream, reason))
+        refused = self._requests.acknowledged(t_mono_s, m.result)
+        if refused is not None:
+            events.append(refused)
 
     def _timesync(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
         m = frame.message
@@ -501,14 +551,15 @@ class AutopilotAdapter:
             # PX4 sends integers as the bits of a float: zero is zero in both, and the only value that means no.
             events.append(VoltageCompensation(t_mono_s, m.param_value != 0.0))
 
-    def _app_setpoint(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
+    def _reference(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
+        """Take the reference of mode ``hold``: a setpoint addressed to swingd, in LOCAL_NED."""
         m = frame.message
         if m.target_system != self.codec.system_id or m.target_component != self._component_id:
             return
-        if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED or m.type_mask & _FORCE_BIT:
+        if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED or m.type_mask & FORCE_BIT:
             self.drops[Drop.SETPOINT_FRAME] += 1
             return
-        use = ~m.type_mask & _USE_MASK
+        use = ~m.type_mask & USE_MASK
 
         def used(x: float, y: float, z: float, bit: int) -> Vec3:
             return (x if use & bit else 0.0), (y if use & bit << 1 else 0.0), (z if use & bit << 2 else 0.0)
@@ -516,14 +567,14 @@ class AutopilotAdapter:
         pos = used(m.x, m.y, m.z, _POS_N)
         vel = used(m.vx, m.vy, m.vz, _VEL_N)
         acc = used(m.afx, m.afy, m.afz, _ACC_N)
-        yaw_rad = m.yaw if use & _YAW else 0.0
-        yaw_rate_radps = m.yaw_rate if use & _YAW_RATE else 0.0
+        yaw_rad = m.yaw if use & YAW else 0.0
+        yaw_rate_radps = m.yaw_rate if use & YAW_RATE else 0.0
         if (
-            self._plausible(pos, _POS_MAX_M)
-            and self._plausible(vel, _VEL_MAX_MPS)
-            and self._plausible(acc, _ACC_MAX_MPS2)
-            and self._plausible((yaw_rad,), _YAW_MAX_RAD)
-            and self._plausible((yaw_rate_radps,), _GYRO_MAX_RADPS)
+            self._plausible(pos, POS_MAX_M)
+            and self._plausible(vel, VEL_MAX_MPS)
+            and self._plausible(acc, ACC_MAX_MPS2)
+            and self._plausible((yaw_rad,), YAW_MAX_RAD)
+            and self._plausible((yaw_rate_radps,), YAW_RATE_MAX_RADPS)
         ):
             events.append(AppSetpoint(t_mono_s, SetpointUse(use), pos, vel, acc, yaw_rad, yaw_rate_radps))
 
@@ -534,87 +585,26 @@ class AutopilotAdapter:
                 return False
         return True
 
-    # ------------------------------------------------------------------------------------------------- stamps
-
-    def _expected_boot_s(self, t_mono_s: float) -> float | None:
-        offset_s = self._state.clock.offset_s
-        return None if offset_s is None else t_mono_s + offset_s
-
-    def _stamp_ms(self, stream: Stream, t_mono_s: float, stamp_ms: int, events: list[Event]) -> float | None:
-        return self._stamp(stream, t_mono_s, stamp_ms * 1e-3, events)
-
-    def _stamp_usec(self, stream: Stream, t_mono_s: float, stamp_us: int, events: list[Event]) -> float | None:
-        if stamp_us < _UNIX_MIN_US:
-            return self._stamp(stream, t_mono_s, stamp_us % _BOOT_PERIOD_US * 1e-6, events)
-        if stamp_us >= _UNIX_MAX_US:
-            self.drops[Drop.IMPOSSIBLE] += 1
-            return None
-        unix_s = stamp_us * 1e-6
-        verdict = self._state.unix.judge(t_mono_s, unix_s)
-        if verdict is Verdict.RESTART or self._state.unix_first_s is None:
-            self._state.unix_first_s = t_mono_s
-            self._state.unix_minus_boot_s = None
-        if verdict in (Verdict.LATE, Verdict.AHEAD):
-            self.drops[Drop.LATE if verdict is Verdict.LATE else Drop.AHEAD] += 1
-            return None
-        if (
-            self._state.unix_minus_boot_s is None
-            and t_mono_s - self._state.unix_first_s >= _UNIX_LATCH_S
-            and self._state.unix.offset_s is not None
-            and self._state.clock.offset_s is not None
-        ):
-            self._state.unix_minus_boot_s = self._state.unix.offset_s - self._state.clock.offset_s
-        expected_s = self._expected_boot_s(t_mono_s)
-        if self._state.unix_minus_boot_s is None or expected_s is None:
-            self.drops[Drop.NO_CLOCK] += 1
-            return None
-        t_boot_s = unix_s - self._state.unix_minus_boot_s
-        if not -LATE_S < t_boot_s - expected_s <= AHEAD_S:
-            # One of the two clocks was set.
-            self._state.unix_first_s = t_mono_s
-            self._state.unix_minus_boot_s = None
-        return self._in_order(stream, t_boot_s, expected_s)
-
-    def _stamp_usec32(self, stream: Stream, t_mono_s: float, stamp_us: int) -> float | None:
-        expected_s = self._expected_boot_s(t_mono_s)
-        if expected_s is None:
-            self.drops[Drop.NO_CLOCK] += 1
-            return None
-        return self._in_order(stream, unwrap(stamp_us * 1e-6, expected_s, _USEC32_PERIOD_S), expected_s)
-
-    def _in_order(self, stream: Stream, t_boot_s: float, expected_s: float) -> float | None:
-        """Judge a stamp that says nothing about the boot clock itself."""
-        if not -LATE_S < t_boot_s - expected_s <= AHEAD_S:
-            self.drops[Drop.LATE if t_boot_s < expected_s else Drop.AHEAD] += 1
-            return None
-        return self._next(stream, t_boot_s)
-
-    def _stamp(self, stream: Stream, t_mono_s: float, stamp_s: float, events: list[Event]) -> float | None:
-        """Return the boot time of a stamp [s], or None (counted) if its sample is not to be used."""
-        expected_s = self._expected_boot_s(t_mono_s)
-        t_boot_s = stamp_s if expected_s is None else unwrap(stamp_s, expected_s, _BOOT_PERIOD_S)
-        verdict = self._state.clock.judge(t_mono_s, t_boot_s)
-        if verdict is Verdict.GOOD:
-            return self._next(stream, t_boot_s)
-        if verdict is Verdict.RESTART:
-            step_s = self._state.clock.step_s
-            self._state = self._anew()
-            self._state.clock.judge(t_mono_s, stamp_s)
-            events.append(AutopilotRestart(t_mono_s, step_s))
-            return self._next(stream, stamp_s)
-        self.drops[Drop.LATE if verdict is Verdict.LATE else Drop.AHEAD] += 1
-        return None
-
-    def _next(self, stream: Stream, t_boot_s: float) -> float | None:
-        step_s = t_boot_s - self._state.last_s[stream]
-        if step_s < 5e-7:
-            self.drops[Drop.DUPLICATE if step_s > -5e-7 else Drop.REORDERED] += 1
-            return None
-        self._state.last_s[stream] = t_boot_s
-        self.received[stream] += 1
-        return t_boot_s
-
     # ------------------------------------------------------------------------------------------------- sending
+
+    def tick(self, t_mono_s: float) -> list[Any]:
+        """Return the messages by which the adapter asks for what it needs itself; to be called at some 20 Hz.
+
+        Until it knows them, it asks for the origin of the local frame and for home, which setpoints in global frames
+        depend on; and for the remote control where one switches the correction.
+        """
+        autopilot, state = self.autopilot, self._state
+        if autopilot is None or t_mono_s - state.asked_t_mono_s < _ASK_EVERY_S:
+            return []
+        state.asked_t_mono_s = self._t_mono_s = t_mono_s
+        messages: list[Any] = []
+        if state.view.origin is None:
+            messages.append(_message_request(autopilot, mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN))
+        if state.view.home is None:
+            messages.append(_message_request(autopilot, mavlink.MAVLINK_MSG_ID_HOME_POSITION))
+        if self._wants_remote_control and t_mono_s - state.remote_control_t_mono_s > _REMOTE_CONTROL_SILENT_S:
+            messages += self._request_messages(autopilot, StreamRequest(Stream.REMOTE_CONTROL, _REMOTE_CONTROL_HZ))
+        return messages
 
     def encode(self, action: Action) -> bytes | None:
         """Pack the `messages` of an action with the sequence numbers of `codec`; None if there are none."""
@@ -623,8 +613,8 @@ class AutopilotAdapter:
     def messages(self, action: Action) -> list[Any]:
         """Return the messages that an action becomes, as pymavlink's objects; none (counted) if it cannot be sent.
 
-        Before an autopilot is known only the heartbeat leaves. A setpoint with a used component that is not finite does
-        not leave at all.
+        Before an autopilot is known only the heartbeat leaves. A setpoint with a used component that is not finite, or
+        that the autopilot would read otherwise, does not leave at all.
         """
         if isinstance(action, Heartbeat):
             return [
@@ -642,7 +632,8 @@ class AutopilotAdapter:
         if autopilot is not None:
             match action:
                 case Setpoint():
-                    messages = _setpoint_messages(autopilot, action)
+                    setpoint = pack(autopilot.kind, autopilot.system_id, autopilot.component_id, action)
+                    messages = [] if setpoint is None else [setpoint]
                 case SwingReport():
                     if math.isfinite(action.t_boot_s) and action.t_boot_s >= 0.0:
                         messages = [swing_message.encode(action)]
@@ -673,28 +664,8 @@ class AutopilotAdapter:
     def _request_messages(self, autopilot: AutopilotId, action: StreamRequest) -> list[Any]:
         if not math.isfinite(action.rate_hz):
             return []
-        interval_us = 1e6 / action.rate_hz if action.rate_hz > 0.0 else -1.0
-        msg_ids = _REQUESTED[action.stream]
-        request = _Request(action.stream, self._t_mono_s, len(msg_ids))
-        messages: list[Any] = []
-        for msg_id in msg_ids:
-            self._requests.append((msg_id, request))
-            messages.append(
-                mavlink.MAVLink_command_long_message(
-                    autopilot.system_id,
-                    autopilot.component_id,
-                    mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
-                    0,
-                    float(msg_id),
-                    float32(interval_us),
-                    0.0,
-                    0.0,
-                    0.0,
-                    0.0,
-                    0.0,
-                )
-            )
-        return messages
+        ids = autopilot.system_id, autopilot.component_id
+        return [self._requests.request(self._t_mono_s, *ids, action.stream, action.rate_hz)]
 
     def _clock_request_messages(self, action: ClockRequest) -> list[Any]:
         if not math.isfinite(action.t_mono_s):
@@ -702,26 +673,6 @@ class AutopilotAdapter:
         asked_ns = round(action.t_mono_s * 1e9)
         self._clock_requests.append(asked_ns)
         return [mavlink.MAVLink_timesync_message(0, asked_ns)]
-
-
-def _setpoint_messages(autopilot: AutopilotId, setpoint: Setpoint) -> list[Any]:
-    use = setpoint.use.value
-    axes = (*setpoint.pos_ned_m, *setpoint.vel_ned_mps, *setpoint.acc_ned_mps2)
-    values = [value if use >> bit & 1 else 0.0 for bit, value in enumerate(axes)]
-    values.append(setpoint.yaw_rad if use & _YAW else 0.0)
-    values.append(setpoint.yaw_rate_radps if use & _YAW_RATE else 0.0)
-    if not use or not all(map(math.isfinite, (setpoint.t_boot_s, *values))):
-        return []
-    return [
-        mavlink.MAVLink_set_position_target_local_ned_message(
-            round(setpoint.t_boot_s * 1e3) & 0xFFFFFFFF,
-            autopilot.system_id,
-            autopilot.component_id,
-            mavlink.MAV_FRAME_LOCAL_NED,
-            ~use & _USE_MASK,
-            *map(float32, values),
-        )
-    ]
 
 
 def _parameter_read_messages(autopilot: AutopilotId) -> list[Any]:
@@ -733,12 +684,40 @@ def _parameter_read_messages(autopilot: AutopilotId) -> list[Any]:
     ]
 
 
+def _message_request(autopilot: AutopilotId, msg_id: int) -> Any:
+    return mavlink.MAVLink_command_long_message(
+        autopilot.system_id,
+        autopilot.component_id,
+        mavlink.MAV_CMD_REQUEST_MESSAGE,
+        0,
+        float(msg_id),
+        *(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    )
+
+
+def _scaled(m: Any) -> tuple[Vec3, Vec3]:
+    """Specific force [m/s^2] and rates [rad/s] of ArduPilot's RAW_IMU or SCALED_IMU, which are in mG and mrad/s."""
+    acc = (m.xacc * _MPS2_PER_MG, m.yacc * _MPS2_PER_MG, m.zacc * _MPS2_PER_MG)
+    return acc, (m.xgyro * 1e-3, m.ygyro * 1e-3, m.zgyro * 1e-3)
+
+
+def _yaw_rad(w: float, x: float, y: float, z: float) -> float:
+    """Heading of an attitude quaternion, of any length."""
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+
+
 _SERVO_FIELDS = tuple(f"servo{i}_raw" for i in range(1, 17))
 
 _Handler = Callable[[AutopilotAdapter, float, Frame, list[Event]], None]
 _HANDLERS: dict[int, _Handler] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: AutopilotAdapter._heartbeat,
     mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: AutopilotAdapter._imu,
+    mavlink.MAVLINK_MSG_ID_RAW_IMU: AutopilotAdapter._raw_imu,
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU: AutopilotAdapter._scaled_imu,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: AutopilotAdapter._vfr_hud,
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: AutopilotAdapter._gps_global_origin,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: AutopilotAdapter._home_position,
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: AutopilotAdapter._rc_channels,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: AutopilotAdapter._attitude,
     mavlink.MAVLINK_MSG_ID_PARAM_VALUE: AutopilotAdapter._param_value,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: AutopilotAdapter._timesync,
@@ -752,5 +731,5 @@ _HANDLERS: dict[int, _Handler] = {
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: AutopilotAdapter._extended_sys_state,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: AutopilotAdapter._system_time,
     mavlink.MAVLINK_MSG_ID_COMMAND_ACK: AutopilotAdapter._command_ack,
-    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: AutopilotAdapter._app_setpoint,
+    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: AutopilotAdapter._reference,
 }

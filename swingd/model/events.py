@@ -50,11 +50,12 @@ class Stream(Enum):
     BATTERY = "battery"
     LOCAL_POSITION = "local_position"
     LANDED_STATE = "landed_state"
+    REMOTE_CONTROL = "remote_control"
 
 
 @dataclass(frozen=True, slots=True)
 class Imu:
-    """One inertial sample (HIGHRES_IMU)."""
+    """One inertial sample (HIGHRES_IMU; ArduPilot also RAW_IMU, SCALED_IMU)."""
 
     t_mono_s: float
     t_boot_s: float
@@ -76,7 +77,7 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class Throttle:
-    """Commanded collective thrust, 0..1 (ATTITUDE_TARGET.thrust)."""
+    """Commanded collective thrust, 0..1 (ATTITUDE_TARGET.thrust; ArduPilot also VFR_HUD.throttle)."""
 
     t_mono_s: float
     t_boot_s: float

@@ -209,7 +209,7 @@ def test_a_long_text_comes_in_numbered_chunks_that_end_with_a_zero(text):
         (Stream.IMU, [105]),
         (Stream.ATTITUDE, [30]),
         (Stream.THROTTLE, [83]),
-        (Stream.MOTORS, [375, 36]),
+        (Stream.MOTORS, [375]),
         (Stream.BATTERY, [147]),
         (Stream.LOCAL_POSITION, [32]),
         (Stream.LANDED_STATE, [245]),
