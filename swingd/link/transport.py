@@ -30,7 +30,7 @@ TCP_GIVE_UP_S = 10.0
 
 Address = tuple[Any, ...]
 
-_Handle: TypeAlias = "socket.socket | serial.Serial"
+_Handle: TypeAlias = socket.socket | serial.Serial
 
 _READ_BYTES = 65536
 _DATAGRAMS_PER_TURN = 64
