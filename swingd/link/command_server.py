@@ -72,9 +72,9 @@ class CommandServer:
         """
         if frame.msg_id not in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
             return _NOTHING
-        message = frame.message
-        if message.target_system != self.system_id or message.target_component != self.component_id:
+        if frame.target_system != self.system_id or frame.target_component != self.component_id:
             return _NOTHING
+        message = frame.message
         if message.command != SWITCH_COMMAND:
             return CommandReply((_ack(frame, message, mavlink.MAV_RESULT_UNSUPPORTED),))
         if message.param1 not in (0.0, 1.0):

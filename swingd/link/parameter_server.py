@@ -118,26 +118,24 @@ class ParameterServer:
         """
         match frame.msg_id:
             case mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
-                message = frame.message
-                if self._asked(message):
+                if self._is_asked(frame):
                     self._due = [True] * len(self._due)
             case mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ:
-                message = frame.message
-                if self._asked(message):
-                    return self._read(frame, message)
+                if self._is_asked(frame):
+                    return self._read(frame)
             case mavlink.MAVLINK_MSG_ID_PARAM_SET:
-                message = frame.message
-                if self._named(message):
-                    return self._set(t_mono_s, frame, message)
+                if self._is_named(frame):
+                    return self._set(t_mono_s, frame)
         return _NOTHING
 
-    def _asked(self, message: Any) -> bool:
-        return message.target_system in (0, self.system_id) and message.target_component in (0, self.component_id)
+    def _is_asked(self, frame: Frame) -> bool:
+        return frame.target_system in (0, self.system_id) and frame.target_component in (0, self.component_id)
 
-    def _named(self, message: Any) -> bool:
-        return bool(message.target_system == self.system_id and message.target_component == self.component_id)
+    def _is_named(self, frame: Frame) -> bool:
+        return frame.target_system == self.system_id and frame.target_component == self.component_id
 
-    def _read(self, frame: Frame, message: Any) -> ParameterReply:
+    def _read(self, frame: Frame) -> ParameterReply:
+        message = frame.message
         parameter: GroundParameter | None = None
         if message.param_index == _BY_NAME:
             parameter = BY_NAME.get(message.param_id)
@@ -145,12 +143,13 @@ class ParameterServer:
             parameter = GROUND_PARAMETERS[message.param_index]
         if parameter is not None:
             return ParameterReply(self._answer(parameter))
-        if self._named(message):
+        if self._is_named(frame):
             error = ParameterError.DOES_NOT_EXIST
             return ParameterReply(self._error(frame, message.param_id, message.param_index, error))
         return _NOTHING
 
-    def _set(self, t_mono_s: float, frame: Frame, message: Any) -> ParameterReply:
+    def _set(self, t_mono_s: float, frame: Frame) -> ParameterReply:
+        message = frame.message
         parameter = BY_NAME.get(message.param_id)
         if parameter is None:
             error = ParameterError.DOES_NOT_EXIST
