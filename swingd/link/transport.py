@@ -160,6 +160,9 @@ def _ignore(*_: object) -> None:
 
 
 def _reason(error: OSError) -> str:
+    # What asyncio adds is the address, which the reader knows; pyserial says what it was about to do.
+    if error.errno is not None and error.errno > 0 and not isinstance(error, serial.SerialException):
+        return os.strerror(error.errno)
     return error.strerror or str(error) or type(error).__name__
 
 
@@ -295,15 +298,12 @@ class Transport(ABC):
             self._owner.on_peer(number, False)
 
     def _tell(self, state: TransportState, reason: str) -> None:
-        told = self._told
-        # One more peer of an open link changes nothing.
-        if (
-            not self._closed
-            and told != (state, reason)
-            and (told is None or state is not told[0] is TransportState.OPEN)
-        ):
-            self._told = state, reason
-            self._owner.on_state(state, reason)
+        if self._closed or self._told == (state, reason):
+            return
+        if self._told is not None and self._told[0] is state is TransportState.OPEN:
+            return  # one more peer changes nothing
+        self._told = state, reason
+        self._owner.on_state(state, reason)
 
 
 # ---------------------------------------------------------------------------------------------------------- UDP
@@ -495,6 +495,8 @@ class _Channel(_Peer):
         self._owner.on_data(self._number, data)
 
     def send(self, data: bytes) -> None:
+        if not data:
+            return
         if self.lost.done():
             self._counters.dropped += 1
             return
