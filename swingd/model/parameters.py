@@ -39,6 +39,15 @@ class ThrustSource(Enum):
     """Reconstructed from the acceleration, Drones 2023 (14); valid near hover only."""
 
 
+class AutopilotKind(Enum):
+    """What the simulated autopilot looks like from its link."""
+
+    PX4 = "px4"
+    """PX4 v1.16 on its onboard link."""
+    ARDUPILOT = "ardupilot"
+    """Copter 4.7: GUIDED in the place of OFFBOARD, streams on request."""
+
+
 class ShaperName(Enum):
     """Input shaper of an endpoint."""
 
@@ -324,6 +333,7 @@ class Shaping:
 class Simulation:
     """The simulated autopilot, vehicle and load: the truth, not the filter's model."""
 
+    autopilot: AutopilotKind = choice(AutopilotKind.PX4, "px4 or ardupilot: what the same vehicle looks like")
     mavlink: str = choice("udpout://127.0.0.1:14540", "where the simulated autopilot talks to (PX4: from port 14580)")
     mavlink_bind_port: int = quantity(14580, "1", 0, 65535, "local port of the simulated autopilot's UDP link")
     ground_station: str = choice("none", "a second link by URL, for a ground station; both hear each other; or none")
