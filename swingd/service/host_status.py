@@ -1,7 +1,7 @@
 """Measures the computer that swingd runs on."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -9,9 +9,9 @@ from typing import Any
 
 from swingd.model.host import HostStatus, LinkKind, LinkRate
 
-_CORE_SENSORS = ("coretemp", "k10temp", "zenpower", "cpu_thermal", "cpu-thermal", "soc_thermal", "bigcore0_thermal")
-"""Names under which Linux lists the processor's sensors, on PCs and on boards."""
-_BOARD_SENSORS = ("acpitz", "gpu_thermal", "board_thermal")
+_CORE_SENSORS = ("coretemp", "k10temp", "zenpower", "soc_thermal", "bigcore0_thermal")
+"""Drivers of the processor's sensors on Linux, besides those whose names begin with cpu."""
+_BOARD_SENSORS = ("acpitz", "board_thermal")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,11 +122,22 @@ class HostMeter:
             sensors = read()
         except (OSError, ValueError):
             return (), None
-        cores: list[Any] = next((sensors[name] for name in _CORE_SENSORS if sensors.get(name)), [])
-        # A sensor by core where there is one, else that of the whole processor.
-        by_core = [sensor for sensor in cores if sensor.label.startswith("Core")] or cores
-        board = next((sensors[name][0].current for name in _BOARD_SENSORS if sensors.get(name)), None)
-        return tuple(sensor.current for sensor in by_core), board
+        return cores_and_board(sensors)
+
+
+def cores_and_board(sensors: Mapping[str, Sequence[Any]]) -> tuple[tuple[float, ...], float | None]:
+    """Find the temperatures of the processor's cores and of the board [degC].
+
+    Parameters
+    ----------
+    sensors : mapping
+        As psutil lists them: by driver, each with ``label`` and ``current``.
+    """
+    of_cores = next((v for name, v in sensors.items() if name in _CORE_SENSORS or name.lower().startswith("cpu")), [])
+    # A sensor by core where there is one, else that of the whole processor.
+    by_core = [sensor for sensor in of_cores if sensor.label.startswith("Core")] or of_cores
+    board = next((sensors[name][0].current for name in _BOARD_SENSORS if sensors.get(name)), None)
+    return tuple(sensor.current for sensor in by_core), board
 
 
 def _uptime_s(psutil: ModuleType) -> float:
