@@ -24,6 +24,7 @@ from swingd.link.setpoints import (
     VehicleView,
     meet,
     pack,
+    used,
 )
 from swingd.link.stamps import Drop
 from swingd.link.streams import StreamRequests
@@ -49,7 +50,6 @@ from swingd.model.events import (
     SetpointUse,
     Stream,
     UnmetSetpoint,
-    Vec3,
     VoltageCompensation,
 )
 from swingd.model.parameters import Link, ShaperName, Thrust
@@ -58,7 +58,6 @@ __all__ = ["AutopilotAdapter", "AutopilotId", "Drop"]
 
 _BY_NAME = -1
 _CLOCK_REQUESTS_KEPT = 64
-_POS_N, _VEL_N, _ACC_N = SetpointUse.POS_N.value, SetpointUse.VEL_N.value, SetpointUse.ACC_N.value
 
 _ASK_EVERY_S = 5.0
 _REMOTE_CONTROL_HZ = 5.0
@@ -307,13 +306,9 @@ class AutopilotAdapter:
             self.drops[Drop.SETPOINT_FRAME] += 1
             return
         use = ~m.type_mask & USE_MASK
-
-        def used(x: float, y: float, z: float, bit: int) -> Vec3:
-            return (x if use & bit else 0.0), (y if use & bit << 1 else 0.0), (z if use & bit << 2 else 0.0)
-
-        pos = used(m.x, m.y, m.z, _POS_N)
-        vel = used(m.vx, m.vy, m.vz, _VEL_N)
-        acc = used(m.afx, m.afy, m.afz, _ACC_N)
+        pos = used((m.x, m.y, m.z), use)
+        vel = used((m.vx, m.vy, m.vz), use >> 3)
+        acc = used((m.afx, m.afy, m.afz), use >> 6)
         yaw_rad = m.yaw if use & YAW else 0.0
         yaw_rate_radps = m.yaw_rate if use & YAW_RATE else 0.0
         if (

@@ -274,9 +274,9 @@ def _px4_local(message: Any, view: VehicleView, t_mono_s: float) -> _Values | Un
     pos = vel = acc = _ZERO
     frame = message.coordinate_frame
     if frame == mavlink.MAV_FRAME_LOCAL_NED:
-        pos = _used((message.x, message.y, message.z), use)
-        vel = _used((message.vx, message.vy, message.vz), use >> 3)
-        acc = _used((message.afx, message.afy, message.afz), use >> 6)
+        pos = used((message.x, message.y, message.z), use)
+        vel = used((message.vx, message.vy, message.vz), use >> 3)
+        acc = used((message.afx, message.afy, message.afz), use >> 6)
     elif frame == mavlink.MAV_FRAME_BODY_NED:
         # Positions are not used; a bit that ignores an axis drops the group; NaN spreads through the rotation.
         use &= ~POS
@@ -290,7 +290,7 @@ def _px4_local(message: Any, view: VehicleView, t_mono_s: float) -> _Values | Un
             attitude = view.fresh_attitude(t_mono_s)
             if attitude is None:
                 return _px4_force(message, use) or Unmet.UNRESOLVED
-            vel = _used((*_turned(message.vx, message.vy, attitude.yaw_rad), message.vz), use >> 3)
+            vel = used((*_turned(message.vx, message.vy, attitude.yaw_rad), message.vz), use >> 3)
             if use & ACC:
                 acc = _rotated((message.afx, message.afy, message.afz), attitude)
     else:
@@ -325,8 +325,8 @@ def _px4_global(message: Any, view: VehicleView, t_mono_s: float) -> _Values | U
         if not use & _POS_D:
             down_m = 0.0
         pos = (*_azimuthal_equidistant(origin, message.lat_int, message.lon_int), down_m)
-    vel = _used((message.vx, message.vy, message.vz), use >> 3)
-    acc = _used((message.afx, message.afy, message.afz), use >> 6)
+    vel = used((message.vx, message.vy, message.vz), use >> 3)
+    acc = used((message.afx, message.afy, message.afz), use >> 6)
     return _px4_force(message, use) or (use, pos, vel, acc, *_yaws(message, use))
 
 
@@ -463,7 +463,7 @@ def _flat_earth(origin: GeodeticPoint, lat_1e7_deg: int, lon_1e7_deg: int) -> tu
 # ------------------------------------------------------------------------------------------------------------- common
 
 
-def _used(values: Vec3, use: int) -> Vec3:
+def used(values: Vec3, use: int) -> Vec3:
     """Return three components, zero where the lowest three bits of ``use`` say that they are not used."""
     x, y, z = values
     return (x if use & 1 else 0.0), (y if use & 2 else 0.0), (z if use & 4 else 0.0)

@@ -160,6 +160,7 @@ class Telemetry:
         last_s = self._state.imu_t_mono_s
         rank = _IMU_IDS.index(msg_id)
         last_s[rank] = t_mono_s
+        best = True
         for better in range(rank):
             if self._requests.denied(_IMU_IDS[better]):
                 continue
@@ -167,9 +168,8 @@ class Telemetry:
             if better_s is None:
                 # Whether it comes is not known yet.
                 better_s = last_s[better] = t_mono_s
-            if t_mono_s - better_s < _PREFERRED_FOR_S:
-                return False
-        return True
+            best &= t_mono_s - better_s >= _PREFERRED_FOR_S
+        return best
 
     def _emit_imu(self, t_mono_s: float, acc: Vec3, gyro: Vec3, time_usec: int, events: list[Event]) -> None:
         if self.is_plausible(acc, ACC_MAX_MPS2) and self.is_plausible(gyro, _GYRO_MAX_RADPS):

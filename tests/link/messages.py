@@ -13,12 +13,28 @@ def px4_heartbeat(armed: bool = False, main_mode: int = 4) -> Any:
     return mavlink.MAVLink_heartbeat_message(2, 12, base_mode, main_mode << 16, 4, 3)
 
 
+def copter_heartbeat(armed: bool = True, custom_mode: int = 4) -> Any:
+    return mavlink.MAVLink_heartbeat_message(2, 3, 1 | (128 if armed else 0), custom_mode, 4, 3)
+
+
 def imu(
     t_boot_s: float, acc: tuple[float, float, float] = (0.1, 0.2, -9.8), xgyro: float = 0.01, number: int = 0
 ) -> Any:
     return mavlink.MAVLink_highres_imu_message(
         round(t_boot_s * 1e6), *acc, xgyro, 0.02, 0.03, 0, 0, 0, 1000, 0, 10, 20, 63, number
     )
+
+
+def raw_imu(t_boot_s: float, acc_mg: tuple[int, int, int] = (10, -20, -1000), number: int = 0) -> Any:
+    return mavlink.MAVLink_raw_imu_message(round(t_boot_s * 1e6), *acc_mg, 100, -200, 300, 0, 0, 0, number)
+
+
+def scaled_imu(t_boot_s: float, acc_mg: tuple[int, int, int] = (10, -20, -1000)) -> Any:
+    return mavlink.MAVLink_scaled_imu_message(round(t_boot_s * 1e3) % 2**32, *acc_mg, 100, -200, 300, 0, 0, 0)
+
+
+def vfr_hud(throttle_percent: int) -> Any:
+    return mavlink.MAVLink_vfr_hud_message(0.0, 0.0, 0, throttle_percent, 0.0, 0.0)
 
 
 def attitude(t_boot_s: float, roll: float = 0.1, pitch: float = -0.2, yaw: float = 0.3) -> Any:

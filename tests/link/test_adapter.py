@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.adapter import AutopilotAdapter, Drop
+from swingd.link.setpoints import GeodeticPoint
+from swingd.model.actions import StreamRequest
 from swingd.model.errors import ConfigurationError
 from swingd.model.events import (
     AppSetpoint,
@@ -36,11 +38,15 @@ from .messages import (
     attitude_quaternion,
     attitude_target,
     battery,
+    copter_heartbeat,
     imu,
     local_position,
     px4_heartbeat,
+    raw_imu,
+    scaled_imu,
     servos,
     sys_status,
+    vfr_hud,
 )
 
 approx = pytest.approx
@@ -268,6 +274,111 @@ def test_battery_0_is_preferred_then_any_then_the_system_status():
     assert adapter.receive(12.0, autopilot(sys_status(15_000))) == [Battery(12.0, 15.0)]
 
 
+# ------------------------------------------------------------------------------------------------------ ArduPilot
+
+
+def copter() -> tuple[AutopilotAdapter, Autopilot]:
+    adapter, autopilot = AutopilotAdapter(Link(), Thrust()), Autopilot()
+    (state,) = adapter.receive(0.0, autopilot(copter_heartbeat()))
+    assert state.kind is AutopilotKind.ARDUPILOT
+    return adapter, autopilot
+
+
+@pytest.mark.parametrize("message", [raw_imu, scaled_imu])
+def test_raw_and_scaled_imu_are_in_milli_g_and_milliradians(message):
+    adapter, autopilot = copter()
+    assert adapter.receive(0.0, autopilot(message(9.0))) == []  # a better message may still come
+    (event,) = adapter.receive(1.0, autopilot(message(10.0)))
+    g = 9.80665
+    assert event == Imu(1.0, approx(10.0), approx((0.01 * g, -0.02 * g, -g)), approx((0.1, -0.2, 0.3)))
+    assert not adapter.drops
+
+
+def test_the_second_sensor_is_not_the_imu_but_highres_imu_gives_the_primary_one():
+    adapter, autopilot = copter()
+    for t_s in (0.0, 2.0):
+        assert adapter.receive(t_s, autopilot(raw_imu(1.0 + t_s, number=1))) == []
+    assert len(adapter.receive(3.0, autopilot(imu(4.0, number=1)))) == 1
+
+
+def test_px4s_raw_imu_is_in_units_of_its_own_and_never_used():
+    adapter, autopilot = connected()
+    for i in range(300):
+        assert adapter.receive(i * 0.01, autopilot(raw_imu(1.0 + i * 0.01), scaled_imu(1.0 + i * 0.01))) == []
+
+
+SOURCES = (imu, raw_imu, scaled_imu)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(st.integers(1, 7), st.integers(1, 80)), min_size=1, max_size=5))
+def test_samples_of_two_messages_never_mix(phases):
+    """GIVEN messages that come and go, WHEN any come together, THEN only the best of them is taken, a second later."""
+    adapter, autopilot = copter()
+    accelerations = (0.1, 0.01 * 9.80665)
+    last_s = dict.fromkeys(SOURCES, -math.inf)
+    taken, step = [], 0
+    for present, steps in phases:
+        for _ in range(steps):
+            step += 1
+            t_s = step * 0.02
+            messages = [source for i, source in enumerate(SOURCES) if present >> i & 1]
+            silent_s = t_s - last_s[imu]
+            last_s.update(dict.fromkeys(messages, t_s))
+            events = adapter.receive(t_s, autopilot(*(source(1.0 + t_s) for source in reversed(messages))))
+            assert len(events) <= 1
+            if events:
+                is_highres = events[0].acc_frd_mps2[0] == approx(accelerations[0])
+                assert is_highres or silent_s >= 1.0 - 1e-9
+                taken.append((t_s, is_highres))
+            else:
+                assert imu not in messages  # the best is never left out
+    switches = [b - a for (a, best_a), (b, best_b) in pairwise(taken) if best_a and not best_b]
+    assert all(gap_s >= 1.0 - 1e-9 for gap_s in switches)
+
+
+def test_a_denied_message_is_not_waited_for():
+    adapter, autopilot = copter()
+    adapter.encode(StreamRequest(Stream.IMU, 250.0))
+    denied = mavlink.MAVLink_command_ack_message(511, mavlink.MAV_RESULT_DENIED, 0, 0, 1, 191)
+    assert adapter.receive(0.1, autopilot(denied)) == []
+    assert len(adapter.receive(0.2, autopilot(raw_imu(1.0)))) == 1
+    assert adapter.receive(0.21, autopilot(scaled_imu(1.01))) == []
+
+
+def test_the_whole_percent_of_vfr_hud_is_a_last_resort():
+    adapter, autopilot = copter()
+    assert adapter.receive(0.0, autopilot(vfr_hud(37))) == []
+    assert adapter.drops == {Drop.NO_CLOCK: 1}
+    (_, event) = adapter.receive(0.01, autopilot(attitude(20.0), vfr_hud(37)))
+    assert event == Throttle(0.01, approx(20.0), approx(0.37))
+    (_, event) = adapter.receive(0.5, autopilot(attitude(20.49), attitude_target(20.49, 0.405)))
+    assert event.throttle == approx(0.405)
+    assert adapter.receive(1.49, autopilot(vfr_hud(38))) == []
+    (event,) = adapter.receive(1.51, autopilot(vfr_hud(38)))
+    assert event == Throttle(1.51, approx(21.5), approx(0.38))
+    assert adapter.receive(1.6, autopilot(vfr_hud(170))) == []
+    assert adapter.drops[Drop.IMPOSSIBLE] == 1
+    px4, px4_autopilot = connected()
+    assert px4.receive(1.0, px4_autopilot(attitude(1.0), vfr_hud(37)))[1:] == []
+
+
+def test_copters_motors_are_its_servo_outputs():
+    adapter, autopilot = copter()
+    (_, event) = adapter.receive(0.0, autopilot(attitude(1.0), servos(1.0, [1100, 1300, 1500, 1700])))
+    assert event == Motors(0.0, approx(1.0), approx((0.1, 0.3, 0.5, 0.7)))
+
+
+@pytest.mark.parametrize("latitude", [900_000_001, -(2**31)])
+def test_no_origin_is_beyond_the_pole(latitude):
+    adapter, autopilot = connected()
+    good = mavlink.MAVLink_gps_global_origin_message(473977420, 85455940, 488_000)
+    bad = mavlink.MAVLink_gps_global_origin_message(latitude, 0, 0)
+    adapter.receive(0.0, autopilot(good, bad))
+    assert adapter.view.origin == GeodeticPoint(473977420, 85455940, 488_000)
+    assert adapter.drops == {Drop.IMPOSSIBLE: 1}
+
+
 # --------------------------------------------------------------------------------------------------------- stamps
 
 
@@ -433,15 +544,18 @@ def test_other_setpoints_are_not(message, reason):
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from([0, 1, 24, 30, 31, 32, 36, 77, 83, 84, 105, 147, 245, 2, 375]),
+            st.sampled_from(
+                [0, 1, 22, 24, 26, 27, 30, 31, 32, 36, 49, 65, 74, 77, 83, 84, 105, 111, 147, 242, 245, 2, 375]
+            ),
             st.binary(min_size=1, max_size=200),
             st.floats(0.0, 10.0),
         ),
         max_size=20,
     )
 )
-def test_no_payload_raises_and_no_event_is_not_finite(parts):
-    adapter, _ = connected()
+@pytest.mark.parametrize("autopilot", [connected, copter])
+def test_no_payload_raises_and_no_event_is_not_finite(autopilot, parts):
+    adapter, _ = autopilot()
     for msg_id, payload, t_s in parts:
         header = struct.pack("<BBBBBB", len(payload), 0, 0, 0, 1, 1) + msg_id.to_bytes(3, "little")
         crc = mavlink.x25crc(header + payload + bytes([mavlink.mavlink_map[msg_id].crc_extra])).crc

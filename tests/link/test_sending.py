@@ -12,7 +12,7 @@ from swingd.model.actions import Action, Health, Heartbeat, Setpoint, Severity, 
 from swingd.model.events import SetpointUse, Stream, StreamRefused
 from swingd.model.parameters import Link, Thrust
 
-from .messages import Autopilot, px4_heartbeat
+from .messages import Autopilot, actuators, copter_heartbeat, px4_heartbeat, raw_imu, servos
 
 REPORT = SwingReport(
     t_boot_s=123.456789,
@@ -237,13 +237,115 @@ def test_a_denied_stream_is_told_with_its_name():
     assert adapter.receive(0.2, autopilot(ack(2))) == []
 
 
+def asked(adapter: AutopilotAdapter, stream: Stream) -> list[int]:
+    return [int(m.param1) for m in sent(adapter, StreamRequest(stream, 100.0))]
+
+
 def test_motors_are_refused_only_when_both_messages_are():
     adapter, autopilot = connected()
-    adapter.encode(StreamRequest(Stream.MOTORS, 100.0))
-    assert adapter.receive(0.1, autopilot(ack(4), ack(0))) == []
-    adapter.encode(StreamRequest(Stream.MOTORS, 100.0))
-    (refused,) = adapter.receive(0.1, autopilot(ack(4), ack(4)))
-    assert refused.stream is Stream.MOTORS
+    assert asked(adapter, Stream.MOTORS) == [375]
+    assert adapter.receive(0.1, autopilot(ack(4))) == []
+    assert asked(adapter, Stream.MOTORS) == [36]
+    assert adapter.receive(0.2, autopilot(ack(4))) == [
+        StreamRefused(0.2, Stream.MOTORS, "SERVO_OUTPUT_RAW: MAV_RESULT_FAILED")
+    ]
+    assert asked(adapter, Stream.MOTORS) == [375]
+
+
+def test_servo_outputs_are_asked_for_only_where_no_actuator_status_comes():
+    adapter, autopilot = connected()
+    for t_s in (0.0, 2.0, 20.0):
+        adapter.receive(t_s, autopilot(actuators(1.0 + t_s, [1500] * 4)))
+        assert asked(adapter, Stream.MOTORS) == [375]
+    adapter, autopilot = connected()
+    assert asked(adapter, Stream.MOTORS) == [375]
+    adapter.receive(0.5, autopilot(ack(0)))
+    assert asked(adapter, Stream.MOTORS) == [375]
+    adapter.receive(2.0, autopilot(px4_heartbeat()))
+    assert asked(adapter, Stream.MOTORS) == [36]
+    adapter.receive(2.1, autopilot(ack(0), servos(3.0, [1500] * 4)))
+    assert asked(adapter, Stream.MOTORS) == [36]
+
+
+@pytest.mark.parametrize(
+    ("stream", "ids"),
+    [
+        (Stream.IMU, [105, 27, 26]),
+        (Stream.THROTTLE, [83, 74]),
+        (Stream.MOTORS, [36]),
+        (Stream.ATTITUDE, [30]),
+        (Stream.REMOTE_CONTROL, [65]),
+    ],
+)
+@pytest.mark.parametrize("denied", [True, False])
+def test_an_ardupilot_is_asked_for_the_next_message_when_one_is_denied_or_silent(stream, ids, denied):
+    adapter, autopilot = connected(copter_heartbeat())
+    for number, msg_id in enumerate(ids):
+        t_s = 2.0 * (number + 1)
+        assert asked(adapter, stream) == [msg_id]
+        refused = adapter.receive(t_s, autopilot(ack(2 if denied else 0), copter_heartbeat()))[:-1]
+        last = number == len(ids) - 1
+        assert [event.stream for event in refused] == ([stream] if denied and last else [])
+    assert asked(adapter, stream) == [ids[0]]
+
+
+def test_what_an_ardupilot_sends_is_asked_for_again_whatever_else_was_denied():
+    adapter, autopilot = connected(copter_heartbeat())
+    asked(adapter, Stream.IMU)
+    adapter.receive(0.1, autopilot(ack(2)))
+    assert asked(adapter, Stream.IMU) == [27]
+    for t_s in (0.5, 5.0, 30.0):
+        adapter.receive(t_s, autopilot(ack(0), raw_imu(1.0 + t_s)))
+        assert asked(adapter, Stream.IMU) == [27]
+
+
+def test_an_ardupilot_is_not_asked_for_a_rate_that_it_denies():
+    adapter, _ = connected(copter_heartbeat())
+    assert [m.param2 for m in sent(adapter, StreamRequest(Stream.IMU, 250.0))] == [5000.0]
+    assert [m.param2 for m in sent(adapter, StreamRequest(Stream.IMU, 100.0))] == [10000.0]
+
+
+def test_a_restarted_autopilot_is_asked_anew():
+    adapter, autopilot = connected(copter_heartbeat())
+    asked(adapter, Stream.IMU)
+    adapter.receive(0.1, autopilot(ack(2)))
+    assert asked(adapter, Stream.IMU) == [27]
+    for i in range(300):
+        adapter.receive(1.0 + i * 0.01, autopilot(raw_imu(100.0 + i * 0.01)))
+    for i in range(100):
+        adapter.receive(4.0 + i * 0.01, autopilot(raw_imu(1.0 + i * 0.01)))
+    assert asked(adapter, Stream.IMU) == [105]
+
+
+def questions(adapter: AutopilotAdapter, t_mono_s: float) -> list[tuple[int, int]]:
+    return [(m.command, int(m.param1)) for m in adapter.tick(t_mono_s)]
+
+
+def test_origin_and_home_are_asked_for_until_they_are_known():
+    adapter = AutopilotAdapter(Link(), Thrust())
+    autopilot = Autopilot(7)
+    assert adapter.tick(0.0) == []
+    adapter.receive(0.0, autopilot(px4_heartbeat()))
+    assert questions(adapter, 0.1) == [(512, 49), (512, 242)]
+    assert {(m.target_system, m.target_component) for m in adapter.tick(5.2)} == {(7, 1)}
+    assert questions(adapter, 7.0) == []
+    adapter.receive(8.0, autopilot(mavlink.MAVLink_gps_global_origin_message(470000000, 80000000, 488000)))
+    assert questions(adapter, 10.5) == [(512, 242)]
+    home = mavlink.MAVLink_home_position_message(470000000, 80000000, 488000, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+    adapter.receive(11.0, autopilot(home))
+    assert questions(adapter, 20.0) == []
+
+
+def test_the_remote_control_is_asked_for_only_where_it_switches():
+    for channel, expected in ((0, []), (7, [(511, 65)])):
+        adapter = AutopilotAdapter(Link(rc_channel=channel), Thrust())
+        autopilot = Autopilot(7)
+        adapter.receive(0.0, autopilot(px4_heartbeat()))
+        assert questions(adapter, 0.1)[2:] == expected
+        channels = mavlink.MAVLink_rc_channels_message(1, 18, *([1500] * 18), 100)
+        adapter.receive(5.0, autopilot(channels))
+        assert questions(adapter, 5.5)[2:] == []
+        assert questions(adapter, 16.5)[2:] == expected
 
 
 def test_an_answer_that_never_came_is_given_up():

@@ -20,7 +20,7 @@ from swingd.model.actions import Setpoint
 from swingd.model.events import AppSetpoint, AutopilotKind, SetpointUse, UnmetSetpoint
 from swingd.model.parameters import Link, ShaperName, Thrust
 
-from .messages import Autopilot, attitude, attitude_target, local_position, px4_heartbeat
+from .messages import Autopilot, attitude, attitude_target, copter_heartbeat, local_position, px4_heartbeat
 
 nan, inf = math.nan, math.inf
 PX4, COPTER = AutopilotKind.PX4, AutopilotKind.ARDUPILOT
@@ -34,10 +34,6 @@ ORIGIN = (473977420, 85455940, 488_000)
 HOME = (473977000, 85456000, 488_300)
 
 APPLICATION = Codec(255, 190)
-
-
-def copter_heartbeat(kind: int = mavlink.MAV_TYPE_QUADROTOR) -> Any:
-    return mavlink.MAVLink_heartbeat_message(kind, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 129, 4, 4, 3)
 
 
 def yaw_quaternion(yaw: float) -> list[float]:
