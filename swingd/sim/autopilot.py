@@ -1,5 +1,7 @@
 """A PX4-shaped autopilot: arming, modes, OFFBOARD and its loss, take-off, landing, over PX4's control loops.
 
+Behind Copter's face the same loops fly, with GUIDED in the place of OFFBOARD.
+
 Pure: no clock, no I/O. Time passes only through `Autopilot.step`, 4 ms at a time.
 """
 
@@ -12,6 +14,7 @@ from swingd.model.events import LandedState, Vec3
 from swingd.model.parameters import Parameters
 from swingd.sim.cascade import (
     AttitudeControl,
+    AttitudeSetpoint,
     HoverThrust,
     PositionControl,
     RateControl,
@@ -20,6 +23,7 @@ from swingd.sim.cascade import (
     mix,
     yaw_of,
 )
+from swingd.sim.guided import Guided, GuidedTarget
 from swingd.sim.plant import DT_S, YAW_MOMENT_M, Quaternion, Rotors
 from swingd.sim.px4_parameters import Px4Parameters
 from swingd.sim.sensors import Sensed
@@ -38,6 +42,8 @@ class NavState(Enum):
     RTL = "return"
     LAND = "land"
     OFFBOARD = "offboard"
+    GUIDED = "guided"
+    """Copter's."""
     DESCEND = "descend"
     """Failsafe: sink level, without any horizontal control."""
 
@@ -153,7 +159,7 @@ class _Stream:
     """The stream of external setpoints."""
 
     last_s: float = float("-inf")
-    setpoint: TrajectorySetpoint | None = None
+    setpoint: TrajectorySetpoint | AttitudeSetpoint | None = None
 
 
 class Autopilot:
@@ -165,10 +171,13 @@ class Autopilot:
         The vehicle that the rate loops are fitted to.
     px4 : Px4Parameters
         PX4's own parameters; changes are taken over at the next step.
+    guided : Guided, optional
+        Copter's GUIDED mode, which PX4 does not have.
     """
 
-    def __init__(self, parameters: Parameters, px4: Px4Parameters) -> None:
+    def __init__(self, parameters: Parameters, px4: Px4Parameters, guided: Guided | None = None) -> None:
         self._px4 = px4
+        self._guided = guided
         self._px4_version = px4.version
         self._position = PositionControl(px4)
         self._attitude = AttitudeControl(px4)
@@ -190,6 +199,8 @@ class Autopilot:
         self._target: list[float] = [0.0, 0.0, 0.0]
         self._yaw_hold_rad = 0.0
         self._takeoff_height_m: float | None = None
+        self._after_takeoff = NavState.LOITER
+        self._rates_only: Vec3 | None = None
         self._wanted = NavState.LOITER
         self._needs_entry = True
         self._sensed = Sensed()
@@ -268,15 +279,16 @@ class Autopilot:
         """Change the mode; OFFBOARD needs a fresh stream of setpoints."""
         if mode is NavState.OFFBOARD and not self.offboard_available:
             return Answer.REJECTED
-        if mode is NavState.DESCEND:
+        if mode is NavState.DESCEND or (mode is NavState.GUIDED and self._guided is None):
             return Answer.DENIED
         self._wanted = mode
         self._enter(mode)
         return Answer.ACCEPTED
 
-    def take_off(self, height_m: float | None = None) -> Answer:
-        """Climb to a height above home, MIS_TAKEOFF_ALT if None, and hold there."""
+    def take_off(self, height_m: float | None = None, then: NavState = NavState.LOITER) -> Answer:
+        """Climb to a height above home, MIS_TAKEOFF_ALT if None, and hold there in the mode ``then``."""
         self._takeoff_height_m = height_m
+        self._after_takeoff = then
         return self.request_mode(NavState.TAKEOFF)
 
     def reposition(
@@ -292,11 +304,35 @@ class Autopilot:
             self._yaw_hold_rad = yaw_rad
         return Answer.ACCEPTED
 
-    def offboard_setpoint(self, setpoint: TrajectorySetpoint) -> None:
+    def offboard_setpoint(self, setpoint: TrajectorySetpoint | AttitudeSetpoint) -> None:
         """Take one external setpoint: it keeps the stream alive, and is flown only while in OFFBOARD."""
         self._offboard.last_s = self.t_s
         if self.nav_state is NavState.OFFBOARD:
             self._offboard.setpoint = setpoint
+
+    def guided_target(self, target: GuidedTarget | AttitudeSetpoint) -> bool:
+        """Take one external target; False outside of GUIDED. It ends a take-off that has not come to its end."""
+        guided = self._guided
+        if guided is None or not self._is_guided:
+            return False
+        sensed = self._sensed
+        yaw = yaw_of(sensed.ned_from_frd)
+        if self.nav_state is NavState.TAKEOFF:
+            self._enter(NavState.GUIDED)
+            self._wanted = NavState.GUIDED
+        if self._needs_entry:
+            self._begin(sensed)
+        if isinstance(target, AttitudeSetpoint):
+            guided.tell_attitude(target, self.t_s)
+        else:
+            guided.tell(target, self.t_s, sensed.pos_ned_m, sensed.vel_ned_mps, yaw)
+        return True
+
+    @property
+    def _is_guided(self) -> bool:
+        return self.nav_state is NavState.GUIDED or (
+            self.nav_state is NavState.TAKEOFF and self._after_takeoff is NavState.GUIDED
+        )
 
     def step(self, sensed: Sensed) -> Rotors:
         """Run the loops that are due for one IMU sample and return the motors' outputs.
@@ -316,7 +352,9 @@ class Autopilot:
                 )
             self.rotors, self._rate.saturated = mix(self._rates_thrust, torque)
             yaw_rate = self.setpoint.yaw_rate_radps or 0.0
-            self.rates_sp_frd_radps = self._attitude.update(sensed.ned_from_frd, self.attitude_sp, yaw_rate)
+            self.rates_sp_frd_radps = self._rates_only or self._attitude.update(
+                sensed.ned_from_frd, self.attitude_sp, yaw_rate
+            )
             self._rates_thrust = self.thrust_sp
         else:
             self.rotors = (0.0, 0.0, 0.0, 0.0)
@@ -363,6 +401,10 @@ class Autopilot:
             self.attitude_sp = attitude_from_thrust(_ZERO, yaw_of(sensed.ned_from_frd))
             return
         setpoint = self._setpoint(dt_s, sensed)
+        if isinstance(setpoint, AttitudeSetpoint):
+            self._fly_attitude(dt_s, setpoint, sensed)
+            return
+        self._rates_only = None
         self._smooth_takeoff(dt_s, setpoint, sensed)
         flying = self._takeoff is Takeoff.FLIGHT
         position = self._position
@@ -397,6 +439,38 @@ class Autopilot:
         self.thrust_sp = sqrt(n * n + e * e + d * d)
         self.attitude_sp = attitude_from_thrust(position.thrust_sp, yaw)
 
+    def _fly_attitude(self, dt_s: float, wanted: AttitudeSetpoint, sensed: Sensed) -> None:
+        """Pass an attitude or body rates on; the thrust is given, or holds a climb rate."""
+        px4, position = self._px4, self._position
+        asks = wanted.thrust is not None or wanted.climb_mps > 0.0
+        if self._armed_s >= px4["COM_SPOOLUP_TIME"] and (asks or not self._land.landed):
+            self._takeoff = Takeoff.FLIGHT
+        if self._takeoff is not Takeoff.FLIGHT:
+            self._rates_only = None
+            self.thrust_sp = 0.0
+            return
+        position.thrust_min = px4["MPC_THR_MIN"]
+        position.speed_up_max_mps = px4["MPC_Z_VEL_MAX_UP"]
+        down_mps = None if wanted.thrust is not None else -wanted.climb_mps
+        self.setpoint = TrajectorySetpoint(
+            vel_ned_mps=(None, None, down_mps), yaw_rate_radps=wanted.rates_frd_radps[2] or None
+        )
+        if wanted.thrust is not None:
+            position.reset_integral()
+            self.thrust_sp = max(0.0, min(1.0, wanted.thrust))
+        else:
+            climb = TrajectorySetpoint(vel_ned_mps=(None, None, down_mps), acc_ned_mps2=(0.0, 0.0, None))
+            position.update(dt_s, sensed.pos_ned_m, sensed.vel_ned_mps, (0.0, 0.0, self._vel_dot[2]), climb)
+            _, x, y, _ = sensed.ned_from_frd
+            upright = 1.0 - 2.0 * (x * x + y * y)
+            self.thrust_sp = min(1.0, -position.thrust_sp[2] / max(upright, 0.5))
+        if wanted.ned_from_frd is not None:
+            self.attitude_sp = wanted.ned_from_frd
+            self._rates_only = None
+        else:
+            self.attitude_sp = sensed.ned_from_frd
+            self._rates_only = wanted.rates_frd_radps
+
     def _differentiate(self, dt_s: float, vel: Vec3) -> None:
         """Low-passed derivative of the velocity, for the D term (MPC_VELD_LP)."""
         if self._vel_last is not None:
@@ -427,7 +501,9 @@ class Autopilot:
         if self.nav_state is NavState.TAKEOFF and self._takeoff is Takeoff.FLIGHT:
             if abs(self._sensed.pos_ned_m[2] - self._target[2]) < self._px4["NAV_MC_ALT_RAD"]:
                 # The mode ends, its target stays.
-                self._wanted = self.nav_state = NavState.LOITER
+                self._wanted = self.nav_state = self._after_takeoff
+                if self._guided is not None and self.nav_state is NavState.GUIDED:
+                    self._hand_over(self._guided)
         elif self.nav_state is NavState.RTL:
             self._return()
 
@@ -441,6 +517,15 @@ class Autopilot:
             self._enter(NavState.LAND)
         elif abs(self._target[2] - pos[2]) < self._px4["NAV_MC_ALT_RAD"]:
             self._target[0], self._target[1] = home[0], home[1]
+
+    def _hand_over(self, guided: Guided) -> None:
+        """Let GUIDED finish a take-off."""
+        north, east, down = self._axes
+        pos, vel = (north.pos, east.pos, down.pos), (north.vel, east.vel, down.vel)
+        yaw = self._yaw_hold_rad
+        guided.start(pos, vel, yaw)
+        target = (self._target[0], self._target[1], self._target[2])
+        guided.tell(GuidedTarget(pos_ned_m=target, yaw_rad=yaw), self.t_s, pos, vel, yaw)
 
     def _enter(self, mode: NavState) -> None:
         """Begin a mode at the present state."""
@@ -461,6 +546,8 @@ class Autopilot:
         self._target[1] = pos[1] + (vel[1] * brake if moving else 0.0)
         self._target[2] = pos[2] + 0.5 * vel[2] * abs(vel[2]) / px4["MPC_ACC_DOWN_MAX"]
         self._yaw_hold_rad = yaw_of(sensed.ned_from_frd)
+        if self._guided is not None and self.nav_state is NavState.GUIDED:
+            self._guided.start(pos, vel if not self._land.landed else _ZERO, self._yaw_hold_rad)
         if self.nav_state is NavState.TAKEOFF:
             height = self._takeoff_height_m
             self._target[2] = self.home_ned_m[2] - (px4["MIS_TAKEOFF_ALT"] if height is None else height)
@@ -469,13 +556,15 @@ class Autopilot:
             if far:
                 self._target[2] = min(pos[2], self.home_ned_m[2] - px4["RTL_RETURN_ALT"])
 
-    def _setpoint(self, dt_s: float, sensed: Sensed) -> TrajectorySetpoint:
+    def _setpoint(self, dt_s: float, sensed: Sensed) -> TrajectorySetpoint | AttitudeSetpoint:
         """What the present mode asks of the position loop."""
         px4 = self._px4
         if self._needs_entry:
             self._begin(sensed)
         if self.nav_state is NavState.OFFBOARD:
             return self._offboard.setpoint or TrajectorySetpoint(vel_ned_mps=_ZERO)
+        if self._guided is not None and self.nav_state is NavState.GUIDED:
+            return self._guided_setpoint(self._guided, dt_s, sensed)
         if self.nav_state is NavState.DESCEND:
             return TrajectorySetpoint(vel_ned_mps=(None, None, px4["MPC_LAND_SPEED"]), acc_ned_mps2=(0.0, 0.0, None))
         axes, target = self._axes, self._target
@@ -519,6 +608,16 @@ class Autopilot:
             self._yaw_hold_rad,
         )
 
+    def _guided_setpoint(self, guided: Guided, dt_s: float, sensed: Sensed) -> TrajectorySetpoint | AttitudeSetpoint:
+        """What GUIDED asks for; on the ground only an attitude that climbs is followed."""
+        yaw = yaw_of(sensed.ned_from_frd)
+        attitude = guided.attitude(self.t_s, yaw)
+        if attitude is not None:
+            return attitude
+        if self._land.landed:
+            guided.start(sensed.pos_ned_m, _ZERO, yaw)
+        return guided.step(dt_s, self.t_s)
+
     def _land_speed(self, down_m: float) -> float:
         """Descent speed over the height above home: slower near the ground."""
         px4 = self._px4
@@ -538,7 +637,9 @@ class Autopilot:
         if self._takeoff is Takeoff.READY and self._wants_takeoff(setpoint, sensed.pos_ned_m[2]):
             self._takeoff = Takeoff.RAMPUP
             self._ramp = 0.0
-        elif self._takeoff is Takeoff.FLIGHT and self._land.landed:
+        elif self._land.landed and (
+            self._takeoff is Takeoff.FLIGHT or (self._takeoff is Takeoff.RAMPUP and self.nav_state is NavState.GUIDED)
+        ):
             self._takeoff = Takeoff.READY
         initial = -GRAVITY / px4["MPC_Z_VEL_P_ACC"]
         speed_up = up

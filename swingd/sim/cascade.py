@@ -29,6 +29,19 @@ class TrajectorySetpoint:
     yaw_rate_radps: float | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class AttitudeSetpoint:
+    """What is flown instead of a trajectory: an attitude or body rates, with a thrust or a climb rate."""
+
+    ned_from_frd: Quaternion | None = None
+    """None: body rates alone."""
+    rates_frd_radps: Vec3 = (0.0, 0.0, 0.0)
+    """Without an attitude all three are flown, with one the rate of its yaw."""
+    thrust: float | None = None
+    """Collective, 0..1; None: ``climb_mps`` is held."""
+    climb_mps: float = 0.0
+
+
 class PositionControl:
     """P on position, PID on velocity, acceleration setpoint added after it, thrust vector out."""
 

@@ -1,7 +1,8 @@
 """The parameters of PX4 that the simulated autopilot obeys or that a companion asks for, with PX4's defaults."""
 
-from collections.abc import Iterator, Mapping
-from math import isfinite
+from collections.abc import Mapping
+
+from swingd.sim.parameter_table import ParameterTable
 
 DEFAULTS: Mapping[str, float | int] = {
     "BAT1_N_CELLS": 4,
@@ -10,9 +11,13 @@ DEFAULTS: Mapping[str, float | int] = {
     "CAL_MAG0_ID": 197388,
     "COM_DISARM_LAND": 2.0,
     "COM_DISARM_PRFLT": 10.0,
+    "COM_DL_LOSS_T": 10,
+    "COM_FAIL_ACT_T": 5.0,
     "COM_OBL_RC_ACT": 0,
     "COM_OF_LOSS_T": 1.0,
     "COM_RCL_EXCEPT": 0,
+    "COM_RC_IN_MODE": 3,
+    "COM_RC_LOSS_T": 0.5,
     "COM_SPOOLUP_TIME": 1.0,
     "HTE_HT_NOISE": 0.0036,
     "IMU_DGYRO_CUTOFF": 30.0,
@@ -27,6 +32,7 @@ DEFAULTS: Mapping[str, float | int] = {
     "MAV_1_RATE": 0,
     "MAV_2_RATE": 100000,
     "MAV_COMP_ID": 1,
+    "MAV_FWDEXTSP": 1,
     "MAV_SYS_ID": 1,
     "MAV_TYPE": 2,
     "MC_BAT_SCALE_EN": 0,
@@ -56,6 +62,7 @@ DEFAULTS: Mapping[str, float | int] = {
     "MIS_TAKEOFF_ALT": 2.5,
     "MPC_ACC_DOWN_MAX": 3.0,
     "MPC_ACC_HOR": 3.0,
+    "MPC_ACC_HOR_MAX": 5.0,
     "MPC_ACC_UP_MAX": 4.0,
     "MPC_JERK_AUTO": 4.0,
     "MPC_LAND_ALT1": 10.0,
@@ -78,15 +85,18 @@ DEFAULTS: Mapping[str, float | int] = {
     "MPC_XY_VEL_MAX": 12.0,
     "MPC_XY_VEL_P_ACC": 1.8,
     "MPC_Z_P": 1.0,
-    "MPC_Z_V_AUTO_DN": 1.5,
-    "MPC_Z_V_AUTO_UP": 3.0,
     "MPC_Z_VEL_D_ACC": 0.0,
     "MPC_Z_VEL_I_ACC": 2.0,
     "MPC_Z_VEL_MAX_DN": 1.5,
     "MPC_Z_VEL_MAX_UP": 3.0,
     "MPC_Z_VEL_P_ACC": 4.0,
+    "MPC_Z_V_AUTO_DN": 1.5,
+    "MPC_Z_V_AUTO_UP": 3.0,
+    "NAV_DLL_ACT": 0,
     "NAV_MC_ALT_RAD": 0.8,
+    "NAV_RCL_ACT": 2,
     "RTL_RETURN_ALT": 30.0,
+    "SDLOG_PROFILE": 1,
     "SER_TEL1_BAUD": 57600,
     "SER_TEL2_BAUD": 921600,
     "SYS_AUTOSTART": 10016,
@@ -96,8 +106,8 @@ DEFAULTS: Mapping[str, float | int] = {
 """An ``int`` here is an INT32 on the link, a ``float`` a REAL32."""
 
 
-class Px4Parameters:
-    """Values by name; the type of each is the type of its default.
+class Px4Parameters(ParameterTable):
+    """PX4's parameters.
 
     Parameters
     ----------
@@ -107,37 +117,8 @@ class Px4Parameters:
     Raises
     ------
     KeyError
-        If a name is unknown.
+        If a name is unknown or a value not finite.
     """
 
     def __init__(self, changes: Mapping[str, float] | None = None) -> None:
-        self._values: dict[str, float | int] = dict(DEFAULTS)
-        self.version = 0
-        """Counts the changes, so that a reader knows when to look again."""
-        for name, value in (changes or {}).items():
-            if not self.set(name, value):
-                raise KeyError(f"{name} = {value!r}: expected one of PX4's parameters known here and a finite value")
-
-    def __getitem__(self, name: str) -> float:
-        return self._values[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._values
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    def is_int(self, name: str) -> bool:
-        """Whether the parameter is an INT32."""
-        return isinstance(DEFAULTS[name], int)
-
-    def set(self, name: str, value: float) -> bool:
-        """Set a value; False if the name is unknown or the value not finite."""
-        if name not in self._values or not isfinite(value):
-            return False
-        self._values[name] = int(value) if self.is_int(name) else float(value)
-        self.version += 1
-        return True
+        super().__init__(DEFAULTS, changes)

@@ -22,7 +22,7 @@ async def run_simulation(
     parameters: Parameters,
     *,
     peer: SimulatedAutopilot | None = None,
-    px4_parameters: Mapping[str, float] | None = None,
+    autopilot_parameters: Mapping[str, float] | None = None,
     truth_file: Path | None = None,
     duration_s: float | None = None,
     on_step: Callable[[SimulatedAutopilot], None] | None = None,
@@ -36,8 +36,8 @@ async def run_simulation(
         ``simulation.speed`` the simulated over the real time.
     peer : SimulatedAutopilot, optional
         One that exists already, to look into it while it runs; else a new one.
-    px4_parameters : mapping, optional
-        PX4's parameters other than the defaults, for a new peer.
+    autopilot_parameters : mapping, optional
+        The autopilot's own parameters other than the defaults, for a new peer.
     truth_file : Path, optional
         CSV with the truth at 125 Hz, columns as in `swingd.sim.truth.COLUMNS`.
     duration_s : float, optional
@@ -65,7 +65,7 @@ async def run_simulation(
     busy core) at most 0.2 s of real time is caught up, so that no burst of stale frames goes out; the rest is skipped.
     """
     if peer is None:
-        peer = SimulatedAutopilot(parameters, px4_parameters)
+        peer = SimulatedAutopilot(parameters, autopilot_parameters)
     simulation = parameters.simulation
     links: list[Transport] = []
 

@@ -16,7 +16,9 @@ from swingd.link import swing_message
 from swingd.link.codec import Codec
 from swingd.model.actions import Health, SwingReport
 from swingd.model.parameters import Parameters
-from swingd.sim.peer import SimulatedAutopilot, euler_rad, setpoint_of
+from swingd.sim.peer import SimulatedAutopilot
+from swingd.sim.px4 import setpoint_of
+from swingd.sim.telemetry import euler_rad
 
 from .rigs import Application, iris, velocity
 
