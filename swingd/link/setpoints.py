@@ -43,7 +43,7 @@ COPTER_VEL_MAX_MPS = 1000.0
 
 FRESH_S = 0.25
 """An attitude or a position older than this does not say how the autopilot reads a setpoint now [s]."""
-HOME_AGREES_M = 0.5
+HOME_AGREES_M = 0.25
 """PX4 takes the altitude above home with the wrong sign of home above the origin: it matters if they differ by more."""
 
 POS_MAX_M = 1e7
