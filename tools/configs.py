@@ -34,10 +34,25 @@ show every key. Units are SI and radians, and the end of a key's name says which
 mistakes is refused as a whole, with all of them listed: key, line, value, and what was expected (exit code 78). Values
 that are each allowed but do not go together, such as a thrust curve that cannot carry the load, are refused too.
 
+What an application or a ground station connects to is a list, and what is wrong with its second item is told of
+`endpoints.2.url`, `endpoints.2.shaper` and so on:
+
+    endpoints:
+      - url: udpin://127.0.0.1:14541
+        shaper: zv
+      - url: tcpin://0.0.0.0:5760
+        key_file: /etc/swingd/gcs.key
+        system_ids: [255]
+
+An endpoint whose URL leaves the host empty waits on this machine alone (127.0.0.1); the link to the autopilot, on every
+IPv4 address (0.0.0.0). `--set` takes the whole list, `--set 'endpoints=[{url: "udpin://:14541", shaper: zv}]'`, or one
+value in it, `--set endpoints.1.shaper=zvd`; the place behind the last one makes a new endpoint.
+
 Numbers are plain decimals or powers of ten (`1e-3`), never quoted; `true` and `false` are switches. An editor with a
 YAML language server completes and checks keys with `configs/schema.json`, which `swingd schema` prints as well.
 
-The tables below come from the declarations in `swingd/model/parameters.py`.
+The tables below come from the declarations in `swingd/model/parameters.py`. What has a name in the column *parameter*
+can be changed by a ground station while swingd runs.
 
 """
 
@@ -53,6 +68,9 @@ def head_and_notes(text: str) -> tuple[str, dict[str, str]]:
         if isinstance(node, yaml.MappingNode):
             for key, value in node.value:
                 collect(value, (*path, key.value))
+        elif isinstance(node, yaml.SequenceNode) and any(isinstance(item, yaml.MappingNode) for item in node.value):
+            for place, item in enumerate(node.value, 1):
+                collect(item, (*path, str(place)))
         elif path and node.end_mark.line < len(lines):
             rest = lines[node.end_mark.line][node.end_mark.column :]
             if match := re.match(r"\s*#\s*(.+)", rest):

@@ -9,6 +9,7 @@ import typer
 from swingd.cli import options
 
 if TYPE_CHECKING:
+    from swingd.config.schema import Group, Key
     from swingd.control.summary import Correction, HoverPoint, Oscillation, Summary
     from swingd.model.parameters import Parameters
 
@@ -16,6 +17,7 @@ EXAMPLES = """\b
 Examples:
   swingd check configs/x500.yaml
   swingd check configs/x500.yaml --set payload.mass_kg=0.4 --set 'hold.vel_ned_mps=[1, 0, 0]'
+  swingd check configs/inline.yaml --set endpoints.1.shaper=zvd
   swingd check configs/x500.yaml --json
 """
 
@@ -37,15 +39,16 @@ def check(
         typer.echo(json.dumps(_as_json(file, parameters, summary), allow_nan=False))
         return
     typer.echo(f"{printable(str(file))}: valid; * marks what differs from the default")
-    typer.echo("\n".join([*_parameter_lines(parameters), *_summary_lines(summary)]))
+    typer.echo("\n".join([*_parameter_lines(parameters), *_summary_lines(summary), *_link_lines(parameters)]))
 
 
 def _as_json(file: Path, parameters: "Parameters", summary: "Summary") -> dict[str, Any]:
-    from swingd.config.schema import KEYS, nested, value_of
+    from swingd.config.plain import plain
+    from swingd.config.schema import KEYS, value_of
 
     return {
         "file": str(file),
-        "parameters": nested(parameters),
+        "parameters": plain(parameters),
         "changed": [key.name for key in KEYS.values() if value_of(parameters, key.name) != key.default],
         "swing": {"fixed_pivot": _oscillation(summary.swing_fixed), "free_vehicle": _oscillation(summary.swing_free)},
         "hover": {
@@ -54,6 +57,18 @@ def _as_json(file: Path, parameters: "Parameters", summary: "Summary") -> dict[s
             "sagged": {"voltage_v": summary.hover_sagged.voltage_v, "throttle": summary.hover_sagged.throttle},
         },
         "correction": _correction(summary.correction),
+        "links": _links(parameters),
+    }
+
+
+def _links(parameters: "Parameters") -> dict[str, str]:
+    """Give every link by its key, with the host that an empty one stands for."""
+    from swingd.link.url import LOOPBACK, parse_url
+
+    endpoints = enumerate(parameters.endpoints, 1)
+    return {
+        "link.autopilot": str(parse_url(parameters.link.autopilot)),
+        **{f"endpoints.{place}.url": str(parse_url(endpoint.url, LOOPBACK)) for place, endpoint in endpoints},
     }
 
 
@@ -77,22 +92,34 @@ def _oscillation(swing: "Oscillation") -> dict[str, float]:
 
 
 def _parameter_lines(parameters: "Parameters") -> list[str]:
-    from swingd.config.render import yaml_text
-    from swingd.config.schema import GROUPS, KEYS, value_of
+    from swingd.config.schema import ITEM_KEYS, KEYS, ROOT, Group
 
-    width = max(len(key.path[-1]) for key in KEYS.values()) + 2
+    width = max(len(key.path[-1]) for key in (*KEYS.values(), *ITEM_KEYS)) + 2
     lines: list[str] = []
-    group = ""
-    for key in KEYS.values():
-        if key.path[0] in GROUPS and key.path[0] != group:
-            group = key.path[0]
-            lines += ["", group]
-        value = value_of(parameters, key.name)
-        changed = value != key.default
-        text = f"{yaml_text(value)} {key.unit}".rstrip()
-        default = f"  (default {yaml_text(key.default)})" if changed else ""
-        lines.append(f"{'*' if changed else ' '} {key.path[-1]:<{width}}{text}{default}")
+    for name, member in ROOT.members.items():
+        value = getattr(parameters, name)
+        if isinstance(member, Group):
+            lines += ["", name, *_group_lines(member, value, width)]
+        elif member.item is None:
+            lines.append(_key_line(member, value, width))
+        else:
+            lines += [] if value else ["", name, "  none"]
+            for place, item in enumerate(value, 1):
+                lines += ["", f"{name}.{place}", *_group_lines(member.item, item, width)]
     return lines
+
+
+def _group_lines(group: "Group", value: Any, width: int) -> list[str]:
+    return [_key_line(key, getattr(value, key.path[-1]), width) for key in group.every_key()]
+
+
+def _key_line(key: "Key", value: Any, width: int) -> str:
+    from swingd.config.render import yaml_text
+
+    changed = value != key.default
+    text = f"{yaml_text(value)} {key.unit}".rstrip()
+    default = f"  (default {yaml_text(key.default)})" if changed else ""
+    return f"{'*' if changed else ' '} {key.path[-1]:<{width}}{text}{default}"
 
 
 def _summary_lines(summary: "Summary") -> list[str]:
@@ -119,6 +146,10 @@ def _correction_lines(correction: "Correction") -> list[str]:
     if correction.on is None:
         return [*lines, f"  {'with':<14}not computed: this law's gains are given, not designed"]
     return [*lines, f"{_swing_line('with', correction.on)}  damping ratio {correction.damping_ratio_on:.3f}"]
+
+
+def _link_lines(parameters: "Parameters") -> list[str]:
+    return ["", "links", *(f"  {name:<18}{url}" for name, url in _links(parameters).items())]
 
 
 def _swing_line(name: str, swing: "Oscillation") -> str:

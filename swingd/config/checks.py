@@ -1,10 +1,13 @@
 """What the schema cannot tell: values that do not go together, and URLs that no link understands."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
+from swingd.config.schema import LIST_MAX
 from swingd.control.summary import curve_thrust_n, hover_thrust_n, swing_free
-from swingd.link.url import parse_url
+from swingd.link.url import LOOPBACK, SerialPort, TcpIn, UdpIn, parse_url
 from swingd.model.errors import LinkUrlError
 from swingd.model.parameters import Parameters, ThrustSource
 
@@ -136,6 +139,42 @@ def _url(url: str) -> str | None:
     return None
 
 
+LINKS = ("link.autopilot", *(f"endpoints.{place}.url" for place in range(1, LIST_MAX + 1)))
+"""The links of the daemon by their keys: the autopilot's, then those of the endpoints."""
+
+
+def _link_url(p: Parameters, link: int) -> str | None:
+    """Give the URL of `LINKS` [link]; None if there are not as many endpoints."""
+    return (p.link.autopilot, *(endpoint.url for endpoint in p.endpoints), *[None] * LIST_MAX)[link]
+
+
+def _endpoint(link: int, p: Parameters) -> str | None:
+    url = _link_url(p, link)
+    return None if url is None else _url(url)
+
+
+def _taken(url: str | None) -> str | None:
+    """Name what only one link can have; None if there is no such thing."""
+    if url is None or _url(url) is not None:
+        return None
+    match parse_url(url, default_host=LOOPBACK):
+        case UdpIn(port=port) if port:
+            return f"UDP port {port}"
+        case TcpIn(port=port) if port:
+            return f"TCP port {port}"
+        case SerialPort(device=device):
+            return device
+    return None
+
+
+def _same(first: int, second: int, p: Parameters) -> str | None:
+    url = _link_url(p, second)
+    taken = _taken(url)
+    if taken is None or taken != _taken(_link_url(p, first)):
+        return None
+    return f"{url} takes {taken}, as {LINKS[first]} does; expected one of its own"
+
+
 CHECKS = (
     Check(("thrust.voltage_nominal_v", "thrust.voltage_min_v", "thrust.voltage_max_v"), _voltages),
     Check(("thrust.motor_output_min", "thrust.motor_output_max"), _motor_outputs),
@@ -155,6 +194,11 @@ CHECKS = (
     Check(("payload.mass_kg", "vehicle.mass_kg"), _mass_ratio),
     Check(("cable.length_m", "vehicle.mass_kg", "payload.mass_kg", "estimator.rate_hz"), _cable),
     Check(("link.autopilot",), lambda p: _url(p.link.autopilot)),
+    *(Check((LINKS[link],), partial(_endpoint, link)) for link in range(1, len(LINKS))),
+    *(
+        Check((LINKS[second], LINKS[first]), partial(_same, first, second))
+        for first, second in itertools.combinations(range(len(LINKS)), 2)
+    ),
     Check(("link.imu_rate_hz", "estimator.rate_hz"), _imu_rate),
     Check(("link.report_rate_hz", "estimator.rate_hz"), _report_rate),
     Check(("simulation.mavlink",), lambda p: _url(p.simulation.mavlink)),

@@ -27,15 +27,24 @@ class Draft:
     refused: set[str] = field(default_factory=set)
     """Dotted keys and groups that have a problem."""
 
+    def place(self, name: str) -> Place:
+        """Tell where the dotted key ``name`` was given, or else the nearest group around it; empty if neither was."""
+        while name and name not in self.places:
+            name = name.rpartition(".")[0]
+        return self.places.get(name, "")
+
+    def is_refused(self, name: str) -> bool:
+        """Whether the dotted key ``name`` has a problem, or a group around it."""
+        while name and name not in self.refused:
+            name = name.rpartition(".")[0]
+        return bool(name)
+
     def refuse(self, name: str, text: str, place: Place | None = None) -> None:
         """Note what is wrong with the dotted key ``name``, given at ``place`` or where it is known to stand."""
-        where = self.places.get(name, "") if place is None else place
+        where = self.place(name) if place is None else place
         suffix = f" (line {where})" if isinstance(where, int) else f" ({where})" if where else ""
         self.refused.add(name)
-        problem = (where, f"{printable(name)}{suffix}: {text}")
-        # Each missing component of a vector is an error of its own and says the same.
-        if problem not in self.problems:
-            self.problems.append(problem)
+        self.problems.append((where, f"{printable(name)}{suffix}: {text}"))
 
     def raise_problems(self, title: str) -> None:
         """Raise `ConfigurationError` with every problem, in the order of the file; return if there are none."""

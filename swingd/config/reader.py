@@ -1,19 +1,18 @@
 """Reads YAML into a draft: a safe subset, with the line of every key."""
 
 import re
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import yaml
 
-from swingd.config.draft import Draft, printable, shown
-from swingd.config.schema import GROUPS, KEYS
+from swingd.config.draft import Draft, Place, printable, shown
+from swingd.config.schema import LIST_MAX, Group, find
+from swingd.config.source import Source
 from swingd.model.errors import ConfigurationError
 
-SIZE_MAX = 256 * 1024
-"""Largest file that is read [bytes]."""
 DEPTH_MAX = 16
-"""Deepest nesting that is read; a configuration needs three levels."""
+"""Deepest nesting that is read; a configuration needs five levels."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -51,7 +50,7 @@ _Loader.add_implicit_resolver(
 )
 
 
-def read_file(path: Path) -> Draft:
+def read_document(source: Source) -> Draft:
     """Read a configuration file.
 
     Returns
@@ -63,39 +62,36 @@ def read_file(path: Path) -> Draft:
     Raises
     ------
     ConfigurationError
-        If the file cannot be read, is larger than `SIZE_MAX`, not UTF-8, or not YAML.
+        If the content is not UTF-8, or not YAML.
     """
     try:
-        with path.open("rb") as file:
-            content = file.read(SIZE_MAX + 1)
-    except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror or error}; expected a configuration file in YAML") from None
-    except ValueError as error:
-        raise ConfigurationError(f"{shown(str(path))}: {error}; expected the path of a configuration file") from None
-    if len(content) > SIZE_MAX:
-        raise ConfigurationError(f"{path}: larger than {SIZE_MAX // 1024} KiB; expected a configuration file in YAML")
-    try:
-        text = content.decode("utf-8-sig")
+        text = source.content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
+        line = source.content.count(b"\n", 0, error.start) + 1
         raise ConfigurationError(
-            f"{path}: line {line}: byte 0x{content[error.start]:02x} is not UTF-8; expected YAML in UTF-8"
+            f"{source.name}: line {line}: byte 0x{source.content[error.start]:02x} is not UTF-8; expected YAML in UTF-8"
         ) from None
     try:
         return _read_document(text)
     except (yaml.YAMLError, ValueError) as error:
-        raise ConfigurationError(f"{path}: {yaml_problem(error)}") from None
+        raise ConfigurationError(f"{source.name}: {yaml_problem(error)}") from None
 
 
-def read_value(text: str) -> Any:
-    """Read one value in YAML.
+def read_value(draft: Draft, path: tuple[str, ...], text: str, option: str) -> Any:
+    """Read the value of one key from an option, and note in the draft that it was given there.
 
     Raises
     ------
     yaml.YAMLError, ValueError
         If the text is not YAML; `yaml_problem` puts either in words.
     """
-    return yaml.load(text, _Loader)
+    loader = _Loader(text)
+    node = loader.get_single_node()
+    name = ".".join(path)
+    # What was said before about a list says nothing about the one that takes its place.
+    draft.places = {key: place for key, place in draft.places.items() if not key.startswith(f"{name}.")}
+    draft.places[name] = option
+    return None if node is None else _Reader(draft, loader, option).value(node, path)
 
 
 def yaml_problem(error: yaml.YAMLError | ValueError) -> str:
@@ -107,41 +103,71 @@ def yaml_problem(error: yaml.YAMLError | ValueError) -> str:
     return printable(f"{place}not YAML: {', '.join(text for text in (error.context, error.problem) if text)}")
 
 
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    """Constructs what the schema knows out of nodes, noting the place of each key and the keys given twice."""
+
+    draft: Draft
+    loader: _Loader
+    option: str = ""
+    """Where the text was given; empty for a file, whose lines are the places."""
+
+    def place(self, node: yaml.Node) -> Place:
+        return self.option or node.start_mark.line + 1
+
+    def group(self, node: yaml.MappingNode, path: tuple[str, ...]) -> dict[str, Any]:
+        group: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            place = self.place(key_node)
+            if not isinstance(key_node, yaml.ScalarNode):
+                name = ".".join((*path, "?"))
+                self.draft.refuse(name, "a list or mapping given; expected the name of a key", place)
+                continue
+            key = key_node.value
+            name = ".".join((*path, key))
+            if key in group:
+                first = self.draft.places[name]
+                first = f"on line {first}" if isinstance(first, int) else f"in {first}"
+                self.draft.refuse(name, f"given again, first {first}; expected each key once", place)
+            self.draft.places[name] = place
+            group[key] = self.value(value_node, (*path, key))
+        return group
+
+    def value(self, node: yaml.Node, path: tuple[str, ...]) -> Any:
+        declared = find(path)
+        if declared is None:
+            return None
+        if isinstance(declared, Group):
+            if isinstance(node, yaml.MappingNode):
+                return self.group(node, path)
+            # A group whose keys are all commented out reads as null.
+            value = self.loader.construct_object(node, deep=True)
+            return {} if value is None else value
+        if declared.item is None:
+            return self.loader.construct_object(node, deep=True)
+        if isinstance(node, yaml.SequenceNode) and len(node.value) <= LIST_MAX:
+            return [self.item(item, (*path, str(place))) for place, item in enumerate(node.value, 1)]
+        value = self.loader.construct_object(node, deep=True)
+        return [] if value is None else value
+
+    def item(self, node: yaml.Node, path: tuple[str, ...]) -> Any:
+        self.draft.places[".".join(path)] = self.place(node)
+        if isinstance(node, yaml.MappingNode):
+            return self.group(node, path)
+        return self.loader.construct_object(node, deep=True)
+
+
 def _read_document(text: str) -> Draft:
+    draft = Draft()
     loader = _Loader(text)
     root = loader.get_single_node()
-    draft = Draft()
+    reader = _Reader(draft, loader)
     if isinstance(root, yaml.MappingNode):
-        draft.values = _read_group(draft, loader, root, ())
+        draft.values = reader.group(root, ())
     elif root is not None:
         value = loader.construct_object(root, deep=True)
         # A file of nothing but ``null`` says as little as an empty one.
         if value is not None:
             expected = "expected groups of keys, such as payload: {mass_kg: 0.3}"
-            draft.refuse("the file", f"{shown(value)} given; {expected}", root.start_mark.line + 1)
+            draft.refuse("the file", f"{shown(value)} given; {expected}", reader.place(root))
     return draft
-
-
-def _read_group(draft: Draft, loader: _Loader, node: yaml.MappingNode, path: tuple[str, ...]) -> dict[str, Any]:
-    """Construct one group, noting the line of each key and the keys given twice."""
-    group: dict[str, Any] = {}
-    for key_node, value_node in node.value:
-        line = key_node.start_mark.line + 1
-        if not isinstance(key_node, yaml.ScalarNode):
-            draft.refuse(".".join((*path, "?")), "a list or mapping given; expected the name of a key", line)
-            continue
-        key = key_node.value
-        name = ".".join((*path, key))
-        if key in group:
-            draft.refuse(name, f"given again, first on line {draft.places[name]}; expected each key once", line)
-        draft.places[name] = line
-        if name in GROUPS and isinstance(value_node, yaml.MappingNode):
-            group[key] = _read_group(draft, loader, value_node, (*path, key))
-        elif name in GROUPS:
-            # A group whose keys are all commented out reads as null.
-            value = loader.construct_object(value_node, deep=True)
-            group[key] = {} if value is None else value
-        else:
-            known = name in KEYS and KEYS[name].path == (*path, key)
-            group[key] = loader.construct_object(value_node, deep=True) if known else None
-    return group

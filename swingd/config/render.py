@@ -1,15 +1,28 @@
 """Writes parameters as commented YAML, and the reference of all keys; every text comes from the declarations."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import yaml
 
-from swingd.config.schema import GROUPS, KEYS, Key, plain, value_of
+from swingd.config.plain import plain
+from swingd.config.schema import ROOT, Group, Key
 from swingd.model.parameters import Parameters
 
 _UNLIMITED = 2**31
 """Line width at which PyYAML never wraps."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes what a free text may be taken for: PyYAML's own rule is that of YAML 1.1."""
+
+
+_Dumper.add_representer(
+    str,
+    lambda dumper, text: dumper.represent_scalar(
+        "tag:yaml.org,2002:str", text, style=None if text.isidentifier() else '"'
+    ),
+)
 
 
 def dump_parameters(parameters: Parameters, head: str = "", notes: Mapping[str, str] | None = None) -> str:
@@ -18,7 +31,8 @@ def dump_parameters(parameters: Parameters, head: str = "", notes: Mapping[str, 
     Parameters
     ----------
     parameters : swingd.model.parameters.Parameters
-        Every key is written, with a line above that gives its meaning, unit and range.
+        Every key is written, with a line above that gives its meaning, unit and range; for the groups of a list, these
+        lines stand once, above the list.
     head : str
         Comment at the top, printable, without the number signs.
     notes : mapping of str to str, optional
@@ -31,30 +45,61 @@ def dump_parameters(parameters: Parameters, head: str = "", notes: Mapping[str, 
     """
     notes = notes or {}
     blocks = [[f"# {line}".rstrip() for line in head.splitlines()]] if head else []
-    lines: list[str] = []
-    group = ""
-    for key in KEYS.values():
-        if key.path[0] in GROUPS and key.path[0] != group:
-            blocks.append(lines)
-            group = key.path[0]
-            lines = [f"# {GROUPS[group]}", f"{group}:"]
-        indent = "  " * (len(key.path) - 1)
-        note = f"  # {notes[key.name]}" if key.name in notes else ""
-        lines.append(f"{indent}# {_comment(key)}")
-        lines.append(f"{indent}{key.path[-1]}: {yaml_text(value_of(parameters, key.name))}{note}")
-    blocks.append(lines)
-    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+    for name, member in ROOT.members.items():
+        value = getattr(parameters, name)
+        if isinstance(member, Group):
+            lines = [
+                line for key in member.every_key() for line in _key_lines(key, getattr(value, key.path[-1]), notes)
+            ]
+            blocks.append([f"# {member.text}", f"{name}:", *(f"  {line}" for line in lines)])
+        elif member.item is None or not value:
+            blocks.append(_key_lines(member, value, notes))
+        else:
+            blocks.append([*_comments(member), f"{name}:", *_item_lines(member.item, value, name, notes)])
+    return "\n\n".join("\n".join(block) for block in blocks) + "\n"
 
 
 def yaml_text(value: Any) -> str:
     """Write one value as YAML on one line."""
-    value = plain(value)
-    # Quotes keep a free text from being read as a number; PyYAML's own rule is that of YAML 1.1.
-    style = '"' if isinstance(value, str) and not value.isidentifier() else None
-    text: str = yaml.safe_dump(
-        [value], default_flow_style=True, default_style=style, width=_UNLIMITED, allow_unicode=True
+    text: str = yaml.dump(
+        [plain(value)], Dumper=_Dumper, default_flow_style=True, width=_UNLIMITED, allow_unicode=True, sort_keys=False
     )
     return text.strip()[1:-1]
+
+
+def markdown_tables() -> str:
+    """Write the reference of all keys: one table per group, and the keys at the top in one."""
+    top = [member for member in ROOT.members.values() if isinstance(member, Key) and member.item is None]
+    parts = [f"## Top level\n\n{_table(top)}"]
+    for member in ROOT.members.values():
+        if isinstance(member, Group):
+            parts.append(f"## `{member.name}`\n\n{member.text}\n\n{_table(member.every_key())}")
+        elif member.item is not None:
+            about = f"{_sentence(member.text)} {_sentence(member.expected)} `N` is the place in the list, from 1."
+            parts.append(f"## `{member.name}`\n\n{about}\n\n{_table(member.item.every_key())}")
+    return "\n\n".join(parts) + "\n"
+
+
+def _key_lines(key: Key, value: Any, notes: Mapping[str, str]) -> list[str]:
+    return [*_comments(key), _value_line(key, value, notes.get(key.name))]
+
+
+def _item_lines(item: Group, values: Iterable[Any], name: str, notes: Mapping[str, str]) -> Iterator[str]:
+    for place, value in enumerate(values, 1):
+        for index, key in enumerate(item.every_key()):
+            part = key.path[-1]
+            line = _value_line(key, getattr(value, part), notes.get(f"{name}.{place}.{part}"))
+            yield f"    {line}" if index else f"  - {line}"
+
+
+def _value_line(key: Key, value: Any, note: str | None) -> str:
+    return f"{key.path[-1]}: {yaml_text(value)}" + (f"  # {note}" if note else "")
+
+
+def _comments(key: Key) -> list[str]:
+    """Give the lines above a key; a list's say what stands in each of its groups."""
+    inner = () if key.item is None else key.item.every_key()
+    return [f"# {_comment(key)}", *(f"#   {part.path[-1]}: {_comment(part)}" for part in inner)]
 
 
 def _comment(key: Key) -> str:
@@ -62,17 +107,17 @@ def _comment(key: Key) -> str:
     return f"{key.text} [{limits}]" if limits and key.low is not None else key.text
 
 
-def markdown_tables() -> str:
-    """Write the reference of all keys: one table per group."""
-    parts: list[str] = []
-    group = None
-    for key in KEYS.values():
-        name = key.path[0] if len(key.path) > 1 else ""
-        if name != group:
-            group = name
-            title = f"## `{group}`\n\n{GROUPS[group]}" if group else "## Top level"
-            parts.append(f"\n{title}\n\n| key | default | unit | range | meaning |\n|---|---|---|---|---|")
-        default = f"`{yaml_text(key.default)}`"
-        cells = (f"`{key.name}`", default, key.unit, key.range, key.text)
-        parts.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(parts).lstrip("\n") + "\n"
+def _table(keys: Iterable[Key]) -> str:
+    """Write one table; a column more names the parameters of the PARAM protocol, where there are any."""
+    keys = list(keys)
+    columns = ["key", "default", "unit", "range", "meaning"]
+    rows = [[f"`{key.name}`", f"`{yaml_text(key.default)}`", key.unit, key.range, key.text] for key in keys]
+    if any(key.mavlink for key in keys):
+        columns.append("parameter")
+        rows = [[*row, key.mavlink and f"`{key.mavlink}`"] for row, key in zip(rows, keys, strict=True)]
+    head, *body = ("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in (columns, *rows))
+    return "\n".join([head, "|" + "---|" * len(columns), *body])
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."

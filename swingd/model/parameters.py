@@ -387,4 +387,5 @@ class Parameters:
     hold: Hold = field(default_factory=Hold)
     shaping: Shaping = field(default_factory=Shaping)
     link: Link = field(default_factory=Link)
+    endpoints: tuple[Endpoint, ...] = choice((), "what applications and ground stations connect to")
     simulation: Simulation = field(default_factory=Simulation)

@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 import swingd
 from swingd.cli.main import app
 from swingd.config.loader import load_parameters
-from swingd.config.schema import KEYS, nested
+from swingd.config.plain import plain
+from swingd.config.schema import KEYS
 from swingd.control.summary import summarise
 from swingd.model.errors import ConfigurationError, LinkOpenError, LinkUrlError, LogFormatError, SwingdError
 
@@ -80,10 +81,10 @@ def test_check_prints_every_parameter_with_its_unit_and_marks_what_was_changed()
     assert "* mass_kg                    0.4 kg  (default 0.3)" in lines
     assert "  mass_kg                    2.0 kg" in lines
     assert "* hook_frd_m                 [0.0, 0.0, 0.22] m  (default [0.0, 0.0, 0.0])" in lines
-    groups = [line for line in lines if line in nested(load_parameters())]
-    assert groups == [key for key, value in nested(load_parameters()).items() if isinstance(value, dict)]
+    groups = [line for line in lines if line in plain(load_parameters())]
+    assert groups == [key for key in plain(load_parameters()) if key != "mode"]
     shown = [line[2:].split(" ")[0] for line in lines[1 : lines.index("linear swing")] if line[:2] in ("* ", "  ")]
-    assert shown == [key.path[-1] for key in KEYS.values()]
+    assert shown == ["none" if key.item else key.path[-1] for key in KEYS.values()]
 
 
 def test_check_prints_what_follows_from_the_parameters() -> None:
@@ -103,6 +104,37 @@ def test_check_prints_what_follows_from_the_parameters() -> None:
     assert tail[10].endswith(f"damping ratio {found.correction.damping_ratio_on:.3f}")
 
 
+def test_check_prints_endpoints_like_groups_and_where_every_link_leads() -> None:
+    endpoints = (
+        'endpoints=[{url: "udpin://:14541", shaper: zv}, {url: "udpout://10.1.1.9:14550", system_ids: [255, 1]}]'
+    )
+    result = runner.invoke(app, ["check", X500, "--set", endpoints])
+    assert result.exit_code == 0
+    assert (
+        "\n\nendpoints.1\n"
+        '* url                        "udpin://:14541"  (default "udpin://127.0.0.1:14541")\n'
+        "* shaper                     zv  (default none)\n"
+        "  key_file                   none\n"
+        "  system_ids                 []\n"
+        "\nendpoints.2\n"
+    ) in result.stdout
+    assert "\n* system_ids                 [255, 1]  (default [])\n\nsimulation\n" in result.stdout
+    assert result.stdout.endswith(
+        "\nlinks\n"
+        "  link.autopilot    udpin://0.0.0.0:14540\n"
+        "  endpoints.1.url   udpin://127.0.0.1:14541\n"
+        "  endpoints.2.url   udpout://10.1.1.9:14550\n"
+    )
+    found = json.loads(runner.invoke(app, ["check", X500, "--json", "--set", endpoints]).stdout)
+    assert "endpoints" in found["changed"]
+    assert found["parameters"]["endpoints"][1]["system_ids"] == [255, 1]
+    assert found["links"] == {
+        "link.autopilot": "udpin://0.0.0.0:14540",
+        "endpoints.1.url": "udpin://127.0.0.1:14541",
+        "endpoints.2.url": "udpout://10.1.1.9:14550",
+    }
+
+
 def test_check_says_what_it_cannot_give() -> None:
     """A load that an empty battery no longer carries, and a law whose gains are given."""
     result = runner.invoke(app, ["check", X500, "--set", "payload.mass_kg=1.4", "--set", "control.law=payload"])
@@ -120,9 +152,9 @@ def test_check_as_json_is_one_object_on_one_line(path: Path) -> None:
     found = json.loads(result.stdout)
     parameters = load_parameters(path)
     summary = summarise(parameters)
-    assert found.keys() == {"file", "parameters", "changed", "swing", "hover", "correction"}
+    assert found.keys() == {"file", "parameters", "changed", "swing", "hover", "correction", "links"}
     assert found["file"] == str(path)
-    assert found["parameters"] == nested(parameters)
+    assert found["parameters"] == plain(parameters)
     assert found["swing"]["fixed_pivot"] == {
         "frequency_radps": summary.swing_fixed.frequency_radps,
         "frequency_hz": summary.swing_fixed.frequency_hz,

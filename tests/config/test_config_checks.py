@@ -4,7 +4,7 @@ import pytest
 
 from swingd.config.checks import CHECKS
 from swingd.config.loader import load_parameters
-from swingd.config.schema import KEYS
+from swingd.config.schema import LIST_MAX, Key, find
 from swingd.link.url import FORMS
 from swingd.model.errors import ConfigurationError
 from swingd.model.parameters import Parameters
@@ -24,7 +24,7 @@ def test_the_defaults_go_together() -> None:
 
 
 def test_checks_name_existing_keys() -> None:
-    assert all(name in KEYS for check in CHECKS for name in check.keys)
+    assert all(isinstance(find(name.split(".")), Key) for check in CHECKS for name in check.keys)
 
 
 @pytest.mark.parametrize(
@@ -112,6 +112,33 @@ def test_checks_name_existing_keys() -> None:
             "simulation.battery_empty_v (--set): simulation.battery_empty_v is 17 V; expected at most "
             "simulation.battery_full_v, 16.2 V",
         ),
+        (
+            ["endpoints=[{}, {url: 'udpin:14550'}]"],
+            "endpoints.2.url (--set): link URL 'udpin:14550': no '://'; expected one of " + FORMS,
+        ),
+        (
+            ["endpoints=[{url: 'udpin://:14540'}]"],
+            "endpoints.1.url (--set): udpin://:14540 takes UDP port 14540, as link.autopilot does; "
+            "expected one of its own",
+        ),
+        (
+            ["endpoints=[{}, {}]"],
+            "endpoints.2.url (--set): udpin://127.0.0.1:14541 takes UDP port 14541, as endpoints.1.url does; "
+            "expected one of its own",
+        ),
+        (
+            ["endpoints=[{url: 'tcpin://:5760'}, {}, {url: 'tcpin://[::1]:5760'}]"],
+            "endpoints.3.url (--set): tcpin://[::1]:5760 takes TCP port 5760, as endpoints.1.url does; "
+            "expected one of its own",
+        ),
+        (
+            [
+                "link.autopilot=serial:///dev/ttyACM0:57600",
+                "endpoints.1.url=serial_flowcontrol:///dev/ttyACM0:921600",
+            ],
+            "endpoints.1.url (--set): serial_flowcontrol:///dev/ttyACM0:921600 takes /dev/ttyACM0, as link.autopilot "
+            "does; expected one of its own",
+        ),
     ],
 )
 def test_what_is_said_about_values_that_do_not_go_together(overrides: list[str], problem: str) -> None:
@@ -130,6 +157,10 @@ def test_what_is_said_about_values_that_do_not_go_together(overrides: list[str],
         ["link.imu_rate_hz=100"],
         ["link.report_rate_hz=100"],
         ["simulation.battery_empty_v=16.2"],
+        ["endpoints=[{url: 'udpin://:14550'}, {url: 'tcpin://:14550'}, {url: 'udpout://127.0.0.1:14550'}]"],
+        ["endpoints=[{url: 'udpin://:0'}, {url: 'udpin://:0'}, {url: 'tcpin://:0'}, {url: 'tcpin://:0'}]"],
+        ["endpoints=[{url: 'udpout://host:14550'}, {url: 'udpout://host:14550'}]"],
+        ["endpoints=[{url: 'serial:///dev/ttyS0:57600'}, {url: 'serial:///dev/ttyS1:57600'}]"],
     ],
 )
 def test_what_is_on_the_border_is_accepted(overrides: list[str]) -> None:
@@ -140,3 +171,14 @@ def test_without_a_thrust_stream_the_curve_need_not_carry_the_load() -> None:
     heavy = ["vehicle.mass_kg=5"]
     assert problem_of(*heavy).startswith("vehicle.mass_kg (--set): 5 kg with a load of 0.3 kg need 52.0 N to hover")
     assert load_parameters(None, [*heavy, "thrust.source=remark_1"]).vehicle.mass_kg == 5.0
+
+
+def test_each_of_the_most_endpoints_is_checked() -> None:
+    urls = [f"udpin://:{port}" for port in range(15_001, 15_001 + LIST_MAX)]
+    listed = ", ".join(f"{{url: '{url}'}}" for url in urls)
+    assert [endpoint.url for endpoint in load_parameters(None, [f"endpoints=[{listed}]"]).endpoints] == urls
+    last = f"endpoints.{LIST_MAX}.url"
+    assert problem_of(f"endpoints=[{listed}]", f"{last}=udpin://0.0.0.0:15003").startswith(
+        f"{last} (--set): udpin://0.0.0.0:15003 takes UDP port 15003, as endpoints.3.url does"
+    )
+    assert problem_of(f"endpoints=[{listed}]", f"{last}=x").startswith(f"{last} (--set): link URL 'x': no '://'")

@@ -1,5 +1,6 @@
 """The files of configs/ and what is derived from the declarations."""
 
+import dataclasses
 import itertools
 import json
 import shutil
@@ -12,8 +13,8 @@ import yaml
 
 from swingd.config.loader import load_parameters
 from swingd.config.render import dump_parameters
-from swingd.config.schema import KEYS
-from swingd.model.parameters import Mode, ThrustSource
+from swingd.config.schema import ITEM_KEYS, KEYS
+from swingd.model.parameters import Mode, ShaperName, ThrustSource
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOL = ROOT / "tools" / "configs.py"
@@ -35,7 +36,7 @@ def copy(tmp_path: Path) -> Path:
 
 
 def test_the_configurations_are_there() -> None:
-    assert {path.stem for path in FILES} >= {"x500", "demo", "iris", "gazebo", "optitrack"}
+    assert {path.stem for path in FILES} >= {"x500", "demo", "inline", "iris", "gazebo", "optitrack"}
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
@@ -55,12 +56,24 @@ def test_every_key_of_a_configuration_has_its_comment(path: Path) -> None:
         for above, line in itertools.pairwise(lines)
         if above.startswith("# ") and ": " in line and not line.startswith("#")
     ]
-    assert [name for _, name in commented] == [key.path[-1] for key in KEYS.values()]
-    for (comment, _), key in zip(commented, KEYS.values(), strict=True):
+    single = [key for key in KEYS.values() if key.item is None]
+    assert [name for _, name in commented if name != "endpoints"] == [key.path[-1] for key in single]
+    for (comment, _), key in zip(((c, n) for c, n in commented if n != "endpoints"), single, strict=True):
         assert comment.startswith(key.text)
         assert key.unit in comment
         if key.low is not None:
             assert comment.endswith(f"{key.range}]")
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_every_list_of_a_configuration_says_what_stands_in_it(path: Path) -> None:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    place = next(index for index, line in enumerate(lines) if line.startswith("endpoints:"))
+    above = lines[place - 1 - len(ITEM_KEYS) : place]
+    assert above[0] == f"# {KEYS['endpoints'].text}"
+    for line, key in zip(above[1:], ITEM_KEYS, strict=True):
+        assert line.startswith(f"#   {key.path[-1]}: {key.text}")
+        assert line.endswith(f"[{key.range}]") or key.low is None
 
 
 def test_everything_derived_is_current() -> None:
@@ -89,7 +102,11 @@ def test_a_value_a_head_and_a_note_belong_to_the_file(copy: Path) -> None:
     path.write_text(
         "# Mine\n#\n#   indented\npayload: {mass_kg: 0.4}\n"
         "hold:\n  vel_ned_mps: [1,   2,3]   #    along the field\n"
-        "link:\n  autopilot: serial:///dev/tty#2:57600\n",
+        "link:\n  autopilot: serial:///dev/tty#2:57600\n"
+        "endpoints:\n"
+        "- {url: udpin://:1}  # not behind a value\n"
+        "-   url: udpin://:2   #  the second\n"
+        "    shaper: zv\n",
         encoding="utf-8",
     )
     assert run_tool(copy).returncode == 0
@@ -97,17 +114,20 @@ def test_a_value_a_head_and_a_note_belong_to_the_file(copy: Path) -> None:
     assert text.startswith("# Mine\n#\n#   indented\n\n# shadow: ")
     assert "\n  vel_ned_mps: [1.0, 2.0, 3.0]  # along the field\n" in text
     assert '\n  autopilot: "serial:///dev/tty#2:57600"\n' in text
+    assert '\n  - url: "udpin://:1"\n    shaper: none\n' in text
+    assert '\n  - url: "udpin://:2"  # the second\n    shaper: zv\n' in text
     assert load_parameters(path).payload.mass_kg == 0.4
     assert run_tool(copy, "--check").returncode == 0
 
 
 def test_keys_and_groups_can_be_reset_in_all_files(copy: Path) -> None:
-    assert run_tool(copy, "--reset", "thrust", "--reset", "vehicle.mass_kg").returncode == 0
+    assert run_tool(copy, "--reset", "thrust", "--reset", "vehicle.mass_kg", "--reset", "endpoints").returncode == 0
     default = load_parameters()
     for path in (copy / "configs").glob("*.yaml"):
         parameters = load_parameters(path)
         assert parameters.thrust == default.thrust
         assert parameters.vehicle.mass_kg == default.vehicle.mass_kg
+        assert parameters.endpoints == ()
     assert load_parameters(copy / "configs" / "iris.yaml").vehicle.drag_n_per_mps == 0.35
     assert run_tool(copy, "--reset", "nothing").returncode == 2
 
@@ -119,10 +139,16 @@ def test_the_reference_names_every_key_with_default_unit_range_and_meaning() -> 
         if line.startswith("| `")
         for cells in [[cell.strip() for cell in line.strip("|").split("|")]]
     }
-    assert list(rows) == [f"`{name}`" for name in KEYS]
-    assert rows["`cable.length_m`"] == ["`1.5`", "m", "0.1 .. 200", "from the hook to the load's centre of mass"]
-    for name, key in KEYS.items():
-        assert rows[f"`{name}`"][1:] == [key.unit, key.range, key.text]
+    keys = [key for name in KEYS for key in (ITEM_KEYS if name == "endpoints" else [KEYS[name]])]
+    assert list(rows) == [f"`{key.name}`" for key in keys]
+    assert rows["`cable.length_m`"] == [
+        "`1.5`", "m", "0.1 .. 200", "from the hook to the load's centre of mass", "`SWG_CABLE_LEN`"
+    ]  # fmt: skip
+    assert rows["`endpoints.N.shaper`"][:3] == ["`none`", "", "none, zv, zvd, ei"]
+    for key in keys:
+        row = rows[f"`{key.name}`"]
+        assert row[1:4] == [key.unit, key.range, key.text]
+        assert row[4:] in ([[f"`{key.mavlink}`"]] if key.mavlink else [[], [""]])
 
 
 def test_the_editors_schema_is_json() -> None:
@@ -141,9 +167,22 @@ def test_facts_of_the_x500() -> None:
     assert parameters.vehicle.hook_frd_m == (0.0, 0.0, 0.22)
 
 
+def test_facts_of_the_example_in_line() -> None:
+    parameters = load_parameters(ROOT / "configs" / "inline.yaml")
+    application, ground_station = parameters.endpoints
+    assert parameters.mode is Mode.INLINE
+    assert parameters.link.autopilot.startswith("serial://")
+    assert (application.url, application.shaper) == ("udpin://127.0.0.1:14541", ShaperName.ZV)
+    assert (ground_station.url, ground_station.shaper) == ("udpout://127.0.0.1:14550", ShaperName.NONE)
+    x500 = load_parameters(ROOT / "configs" / "x500.yaml")
+    link = dataclasses.replace(parameters.link, autopilot=x500.link.autopilot)
+    assert dataclasses.replace(parameters, mode=x500.mode, link=link, endpoints=()) == x500
+
+
 def test_facts_of_the_demo() -> None:
     parameters = load_parameters(ROOT / "configs" / "demo.yaml")
     assert parameters.mode is Mode.HOLD
+    assert parameters.endpoints == ()
     assert (parameters.vehicle.mass_kg, parameters.payload.mass_kg, parameters.cable.length_m) == (2.0, 0.3, 1.5)
     assert parameters.simulation.battery_empty_v < parameters.simulation.battery_full_v
     assert parameters.simulation.acc_noise_mps2 > 0.0

@@ -16,12 +16,24 @@ from parameter_strategies import parameter_sets, values
 
 from swingd.config.checks import CHECKS
 from swingd.config.loader import load_parameters, parameters_from_json
-from swingd.config.plain import parameters_to_json
-from swingd.config.reader import DEPTH_MAX, SIZE_MAX
+from swingd.config.plain import parameters_to_json, plain
+from swingd.config.reader import DEPTH_MAX
 from swingd.config.render import dump_parameters, yaml_text
-from swingd.config.schema import GROUPS, KEYS, nested, plain, value_of
+from swingd.config.schema import GROUPS, ITEM_KEYS, KEYS, LIST_MAX, value_of
+from swingd.config.source import SIZE_MAX
 from swingd.model.errors import ConfigurationError
-from swingd.model.parameters import Control, Estimator, Hold, Link, Mode, Parameters, Payload, ThrustSource
+from swingd.model.parameters import (
+    Control,
+    Endpoint,
+    Estimator,
+    Hold,
+    Link,
+    Mode,
+    Parameters,
+    Payload,
+    ShaperName,
+    ThrustSource,
+)
 
 shares_a_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -98,6 +110,30 @@ def test_every_kind_of_value_is_read(load: Any) -> None:
     assert parameters.link == Link(autopilot="serial:///dev/ttyAMA0:921600", system_id=7)
 
 
+TWO = """\
+endpoints:
+  - url: udpin://127.0.0.1:14541
+    shaper: zv
+  - url: tcpin://0.0.0.0:5760
+    key_file: /etc/swingd/gcs.key
+    system_ids: [255]
+"""
+TWO_READ = (
+    Endpoint(url="udpin://127.0.0.1:14541", shaper=ShaperName.ZV),
+    Endpoint(url="tcpin://0.0.0.0:5760", key_file="/etc/swingd/gcs.key", system_ids=(255,)),
+)
+
+
+def test_endpoints_are_a_list(load: Any) -> None:
+    assert load(TWO).endpoints == TWO_READ
+    assert load("endpoints: [{}]").endpoints == (Endpoint(),)
+
+
+@pytest.mark.parametrize("text", ["endpoints:\n", "endpoints: []\n", "endpoints:\n  # - url: udpin://:14541\n"])
+def test_a_list_without_groups_is_empty(load: Any, text: str) -> None:
+    assert load(text).endpoints == ()
+
+
 @pytest.mark.parametrize(
     ("text", "value"),
     [("1", 1.0), ("1.", 1.0), (".5", 0.5), ("1e0", 1.0), ("5E-1", 0.5), ("+1.2e+0", 1.2), ("010e-1", 1.0), ("02", 2.0)],
@@ -141,8 +177,25 @@ def test_overrides_take_any_kind_of_value() -> None:
     assert parameters.link.autopilot == "serial:///dev/by-id/a=b:57600"
 
 
+def test_a_list_is_overridden_whole_or_by_its_places(load: Any) -> None:
+    one = 'endpoints=[{url: "udpin://:14541"}]'
+    first, second = TWO_READ
+    assert load_parameters(None, [one]).endpoints == (Endpoint(url="udpin://:14541"),)
+    assert load(TWO, one).endpoints == (Endpoint(url="udpin://:14541"),)
+    assert load(TWO, "endpoints=[]").endpoints == load(TWO, "endpoints=null").endpoints == ()
+    assert load(TWO, "endpoints.1.shaper=ei").endpoints == (dataclasses.replace(first, shaper=ShaperName.EI), second)
+    assert load(TWO, "endpoints.2.system_ids=[]").endpoints == (first, dataclasses.replace(second, system_ids=()))
+    assert load(TWO, "endpoints.3.url=udpin://:1").endpoints == (*TWO_READ, Endpoint(url="udpin://:1"))
+    assert load("", "endpoints.1.shaper=zvd").endpoints == (Endpoint(shaper=ShaperName.ZVD),)
+    assert load("endpoints:\n", "endpoints.1.shaper=zvd").endpoints == (Endpoint(shaper=ShaperName.ZVD),)
+    later = load(TWO, "endpoints.1.shaper=ei", one, "endpoints.1.shaper=zv")
+    assert later.endpoints == (Endpoint(url="udpin://:14541", shaper=ShaperName.ZV),)
+
+
 def test_an_override_mends_what_is_wrong_in_the_file(load: Any) -> None:
     assert load("payload: {mass_kg: heavy}\n", "payload.mass_kg=0.4").payload.mass_kg == 0.4
+    assert load("endpoints: [{url: 1, shaper: 2}]", "endpoints=[{}]").endpoints == (Endpoint(),)
+    assert load("endpoints: [{shaper: 2}]", "endpoints.1.shaper=zv").endpoints == (Endpoint(shaper=ShaperName.ZV),)
 
 
 @pytest.mark.parametrize(
@@ -162,7 +215,34 @@ def test_an_override_mends_what_is_wrong_in_the_file(load: Any) -> None:
             "payload.mass_kg (--set): '[1' given, line 1, column 3: not YAML: while parsing a flow sequence, "
             "expected ',' or ']', but got '<stream end>'; expected a number from 0.005 to 2000 kg",
         ),
-        ("=1", " (--set): no such key; expected mode or a key of " + ", ".join(GROUPS)),
+        ("endpoints.1={}", "endpoints.1 (--set): is a group of keys; expected one of them, such as endpoints.1.url"),
+        ("endpoints.1.ulr=x", "endpoints.1.ulr (--set): no such key; did you mean endpoints.1.url?"),
+        ("endpoints.0.url=x", "endpoints.0.url (--set): no such key; did you mean endpoints.1.url?"),
+        ("endpoints.17.url=x", "endpoints.17.url (--set): no such key; did you mean endpoints.1.url?"),
+        ("endpoints.url=x", "endpoints.url (--set): no such key; did you mean endpoints.1.url?"),
+        (
+            "endpoints.2.url=udpin://:1",
+            "endpoints.2.url (--set): the list has 0 so far; expected a place from 1 to 1",
+        ),
+        (
+            "endpoints.1.shaper=no",
+            "endpoints.1.shaper (--set): false given; expected one of none, zv, zvd, ei",
+        ),
+        (
+            "endpoints=[{url: a, url: b}]",
+            "endpoints.1.url (--set): given again, first in --set; expected each key once",
+        ),
+        (
+            "endpoints=[{}, {url: 'udpin://:1', shapr: zv}]",
+            "endpoints.2.shapr (--set): no such key; did you mean endpoints.2.shaper?",
+        ),
+        ("endpoints=[{1: 2}]", "endpoints.1.1 (--set): no such key; expected one of url, shaper, key_file, system_ids"),
+        (
+            "endpoints=udpin://:14541",
+            "endpoints (--set): 'udpin://:14541' given; expected a list of at most 16 groups of url, shaper, key_file, "
+            "system_ids",
+        ),
+        ("=1", " (--set): no such key; expected mode, endpoints or a key of " + ", ".join(GROUPS)),
     ],
 )
 def test_what_is_said_about_a_wrong_override(problems: Any, override: str, problem: str) -> None:
@@ -178,7 +258,17 @@ def test_a_number_of_any_length_is_refused_briefly(problems: Any) -> None:
         assert len(line) < 350
 
 
+def test_an_override_of_a_list_forgets_where_the_file_had_its_values(problems: Any) -> None:
+    assert problems(TWO, 'endpoints=[{url: "tcpin://:1"}, {url: "tcpin://:1"}]') == [
+        "endpoints.2.url (--set): tcpin://:1 takes TCP port 1, as endpoints.1.url does; expected one of its own"
+    ]
+
+
 def test_an_override_into_something_else_leaves_the_files_problem(problems: Any) -> None:
+    item = "expected a group of keys, such as {url: udpin://127.0.0.1:14541}"
+    assert problems("endpoints: [x]\n", "endpoints.1.shaper=zv") == [f"endpoints.1 (line 1): 'x' given; {item}"]
+    listed = "expected a list of at most 16 groups of url, shaper, key_file, system_ids"
+    assert problems("endpoints: x\n", "endpoints.1.shaper=zv") == [f"endpoints (line 1): 'x' given; {listed}"]
     assert problems("payload: 3\n", "payload.mass_kg=1") == [
         "payload (line 1): 3 given, but it is a group of keys; expected one of them, such as payload.mass_kg"
     ]
@@ -243,10 +333,58 @@ def test_an_override_into_something_else_leaves_the_files_problem(problems: Any)
         ("vehicel:\n  mass_kg: 1", "vehicel (line 1): no such key; did you mean vehicle?"),
         ("payload.mass_kg: 1", "payload.mass_kg (line 1): no such key at this level; expected mass_kg inside payload"),
         ("cable:\n  length_m: {a: 1}", "cable.length_m (line 2): {'a': 1} given; expected a number from 0.1 to 200 m"),
-        ("qqq: 1", "qqq (line 1): no such key; expected mode or a key of " + ", ".join(GROUPS)),
+        (
+            "endpoints:\n  - udpin://:14541\n",
+            "endpoints.1 (line 2): 'udpin://:14541' given; expected a group of keys, such as "
+            "{url: udpin://127.0.0.1:14541}",
+        ),
+        (
+            "endpoints:\n  -\n",
+            "endpoints.1 (line 2): nothing given; expected a group of keys, such as {url: udpin://127.0.0.1:14541}",
+        ),
+        (
+            "endpoints:\n  url: udpin://:14541\n",
+            "endpoints (line 1): {'url': 'udpin://:14541'} given; expected a list of at most 16 groups of url, shaper, "
+            "key_file, system_ids",
+        ),
+        (
+            "endpoints: [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]",
+            "endpoints (line 1): [1, 1, 1, 1, 1, 1, ...] given; expected a list of at most 16 groups of url, shaper, "
+            "key_file, system_ids",
+        ),
+        (
+            "endpoints:\n- shaper: none\n- url: udpin://:1\n  ulr: x\n",
+            "endpoints.2.ulr (line 4): no such key; did you mean endpoints.2.url?",
+        ),
+        (
+            "endpoints:\n- port: 1\n",
+            "endpoints.1.port (line 2): no such key; expected one of url, shaper, key_file, system_ids",
+        ),
+        (
+            "endpoints:\n- system_ids:\n  - 1\n  - 256\n",
+            "endpoints.1.system_ids (line 2): 256 as component 2 given; expected a list of at most 16 whole numbers, "
+            "each from 1 to 255",
+        ),
+        (
+            "endpoints:\n- system_ids: 255\n",
+            "endpoints.1.system_ids (line 2): 255 given; expected a list of at most 16 whole numbers, each from 1 to "
+            "255",
+        ),
+        (
+            "endpoints:\n- url: udpin://:1\n  url: udpin://:2\n",
+            "endpoints.1.url (line 3): given again, first on line 2; expected each key once",
+        ),
+        (
+            "endpoints:\n- ? [a]\n  : 2\n",
+            "endpoints.1.? (line 2): a list or mapping given; expected the name of a key",
+        ),
+        ("link:\n  url: x", "link.url (line 2): no such key; did you mean endpoints.1.url?"),
+        ("key_file: x", "key_file (line 1): no such key; did you mean link.key_file or endpoints.1.key_file?"),
+        ("endpoint:\n- url: x", "endpoint (line 1): no such key; did you mean endpoints?"),
+        ("qqq: 1", "qqq (line 1): no such key; expected mode, endpoints or a key of " + ", ".join(GROUPS)),
         ("- 1", "the file (line 1): [1] given; expected groups of keys, such as payload: {mass_kg: 0.3}"),
         ("# c\n42", "the file (line 2): 42 given; expected groups of keys, such as payload: {mass_kg: 0.3}"),
-        ("1: 2", "1 (line 1): no such key; expected mode or a key of " + ", ".join(GROUPS)),
+        ("1: 2", "1 (line 1): no such key; expected mode, endpoints or a key of " + ", ".join(GROUPS)),
         ("? [a]\n: 2", "? (line 1): a list or mapping given; expected the name of a key"),
         ("payload:\n  ? {a: 1}\n  : 2", "payload.? (line 2): a list or mapping given; expected the name of a key"),
         (
@@ -352,6 +490,35 @@ def test_ten_mistakes_of_one_file_are_reported_at_once(problems: Any) -> None:
     ]
 
 
+def test_every_mistake_in_a_list_is_reported_at_once(problems: Any) -> None:
+    lines = problems(
+        "link: {autopilot: 'serial:///dev/ttyS0:57600'}\n"
+        "endpoints:\n"
+        "- url: udpin:14541\n"
+        "  shaper: zb\n"
+        "- shapr: zv\n"
+        "  url: udpin://:14550\n"
+        "- here\n"
+        "- url: udpin://0.0.0.0:14550\n"
+        "  system_ids: [0]\n"
+        "- url: 14550\n"
+        "- url: serial:///dev/ttyS0:921600\n"
+        "  url: serial:///dev/ttyS0:921600\n"
+        "- url: tcp4://:1\n"
+    )
+    assert [line.split(": ")[0] for line in lines] == [
+        "endpoints.1.url (line 3)",
+        "endpoints.1.shaper (line 4)",
+        "endpoints.2.shapr (line 5)",
+        "endpoints.3 (line 7)",
+        "endpoints.4.url (line 8)",
+        "endpoints.4.system_ids (line 9)",
+        "endpoints.5.url (line 10)",
+        "endpoints.6.url (line 12)",
+        "endpoints.7.url (line 13)",
+    ]
+
+
 def test_a_refused_key_raises_no_second_problem(problems: Any) -> None:
     """Its default does not go together with the rest of the file, but the user never wrote it."""
     assert len(problems("vehicle: {mass_kg: -1}\npayload: {mass_kg: 300}\nthrust: {quadratic_n: 10000}\n")) == 1
@@ -375,12 +542,19 @@ def test_a_key_of_any_size_is_shown_briefly_and_printable(problems: Any) -> None
 def test_a_file_that_doubles_itself_is_refused_in_bounded_time(problems: Any) -> None:
     """Each level holds the one below ten times: 1e9 values, if anything copied or formatted them all."""
     levels = "".join(f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 10)}]\n" for i in range(1, 10))
-    for name in KEYS:
-        *groups, last = name.split(".")
-        value = f"{last}: *l9" if not groups else f"{groups[0]}: {{{last}: *l9}}"
+    for key in (*KEYS.values(), *ITEM_KEYS):
+        value = "*l9"
+        for part in reversed(key.path[1:]):
+            value = f"[{value}]" if part == "N" else f"{{{part}: {value}}}"
+        value = f"{key.path[0]}: {value}"
         lines = problems(f"l0: &l0 [1]\n{levels}{value}\n")
-        assert len(lines) == 11
+        assert len(lines) == 10 + (10 if key.sizes == (0, LIST_MAX) else 1)
         assert all(len(line) < 400 for line in lines)
+
+
+def test_a_list_that_repeats_a_large_group_is_refused_in_bounded_time(problems: Any) -> None:
+    large = "&m {" + ", ".join(f"k{index}: 1" for index in range(2000)) + "}"
+    assert len(problems(f"x: {large}\nendpoints: [{'*m, ' * 10_000}]\n")) == 2
 
 
 # Nothing but ConfigurationError, whatever is read
@@ -395,6 +569,10 @@ def test_a_file_that_doubles_itself_is_refused_in_bounded_time(problems: Any) ->
 @example(b"payload: {<<: [1]}")
 @example(b"mode: !!set {a, [b]}")
 @example(b"mode: {[1]: 2}")
+@example(b"endpoints: [{[1]: 2}, {<<: {url: 1}}, !!set {url}]")
+@example(b"endpoints: &e [*e]")
+@example(b"endpoints: [&e {url: *e}]")
+@example(b"endpoints: !!set {}")
 @example(b'"\\ud800": 1')
 @example(b'link: {autopilot: "\\ud800"}')
 def test_any_bytes_are_read_or_refused(load: Any, content: bytes) -> None:
@@ -402,7 +580,10 @@ def test_any_bytes_are_read_or_refused(load: Any, content: bytes) -> None:
         assert isinstance(load(content), Parameters)
 
 
-names = st.sampled_from([*KEYS, *GROUPS, *(key.path[-1] for key in KEYS.values()), "x", "?", "<<"])
+names = st.sampled_from(
+    [*KEYS, *GROUPS, *(key.path[-1] for key in (*KEYS.values(), *ITEM_KEYS)), "x", "?", "<<"]
+    + [key.name.replace("N", place) for key in ITEM_KEYS for place in ("1", "2", "17", "N")]
+)
 junk = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(names | st.text(max_size=3), inner, max_size=4),
@@ -411,6 +592,8 @@ junk = st.recursive(
 
 @shares_a_folder
 @given(st.dictionaries(names, junk, max_size=5), st.lists(st.tuples(names, junk), max_size=3))
+@example({"endpoints": [{"url": None, "x": [1]}, 3]}, [("endpoints.2.url", 1), ("endpoints.3.shaper", "zv")])
+@example({"endpoints": {"1": {"url": "x"}}}, [("endpoints.1.url", "x")])
 def test_any_tree_is_read_or_refused(load: Any, tree: dict[str, Any], overrides: list[tuple[str, Any]]) -> None:
     text = yaml.safe_dump(tree)
     sets = [f"{name}={yaml.safe_dump(value, default_flow_style=True)}" for name, value in overrides]
@@ -428,6 +611,8 @@ def test_any_override_is_read_or_refused(override: str) -> None:
 @example("[" * 100_000)
 @example("9" * 5000)
 @example('{"payload": {"mass_kg": NaN}}')
+@example('{"endpoints": [{"url": [], "system_ids": [1e999]}, null, [], {"x": 1}]}')
+@example('{"endpoints": {"1": 1}}')
 def test_any_json_is_read_or_refused(text: str) -> None:
     with suppress(ConfigurationError):
         assert isinstance(parameters_from_json(text), Parameters)
@@ -455,15 +640,18 @@ def test_a_dump_says_what_was_given(parameters: Parameters, head: str) -> None:
     """PyYAML, which reads YAML by other rules for numbers, finds the same values in it."""
     text = dump_parameters(parameters, head, {"payload.mass_kg": "weighed: [twice]"})
     assert "weighed: [twice]" in text
-    assert yaml.safe_load(text) == nested(parameters)
+    assert yaml.safe_load(text) == plain(parameters)
 
 
 @shares_a_folder
-@given(st.sampled_from(list(KEYS.values())).flatmap(lambda key: st.tuples(st.just(key), values(key))))
+@given(st.sampled_from([*KEYS.values(), *ITEM_KEYS]).flatmap(lambda key: st.tuples(st.just(key), values(key))))
 def test_a_dump_and_an_override_load_as_the_same_values(load: Any, chosen: tuple[Any, Any]) -> None:
     key, value = chosen
-    parts: dict[str, Any] = nested(Parameters())
-    group = parts if len(key.path) == 1 else parts[key.path[0]]
+    parts: dict[str, Any] = plain(Parameters())
+    parts["endpoints"] = [plain(Endpoint(url="udpin://:14542"))]
+    group: Any = parts
+    for part in key.path[:-1]:
+        group = group[0] if part == "N" else group[part]
     group[key.path[-1]] = plain(value)
     parameters = parameters_from_json(json.dumps(parts))
     if any(check.find(parameters) for check in CHECKS):
@@ -471,7 +659,9 @@ def test_a_dump_and_an_override_load_as_the_same_values(load: Any, chosen: tuple
             load(dump_parameters(parameters))
         return
     assert as_written(load(dump_parameters(parameters))) == as_written(parameters)
-    assert as_written(load("", f"{key.name}={yaml_text(value)}")) == as_written(parameters)
+    endpoint = "endpoints.1.url=udpin://:14542"
+    override = f"{key.name.replace('N', '1')}={yaml_text(value)}"
+    assert as_written(load("", endpoint, override)) == as_written(parameters)
 
 
 def test_a_dump_names_every_key_with_unit_range_and_meaning() -> None:
@@ -484,6 +674,28 @@ def test_a_dump_names_every_key_with_unit_range_and_meaning() -> None:
     ) in text
 
 
+def test_a_dump_of_a_list_says_once_what_its_keys_mean() -> None:
+    parameters = dataclasses.replace(Parameters(), endpoints=TWO_READ)
+    text = dump_parameters(parameters, notes={"endpoints.2.url": "the tablet", "endpoints.1.shaper": "gentle"})
+    assert (
+        "\n\n# what applications and ground stations connect to\n"
+        "#   url: link by URL; an empty host that waits means this machine alone\n"
+    ) in text
+    assert (
+        "#   system_ids: system ids that may send here; empty: any [1 .. 255]\n"
+        "endpoints:\n"
+        '  - url: "udpin://127.0.0.1:14541"\n'
+        "    shaper: zv  # gentle\n"
+        "    key_file: none\n"
+        "    system_ids: []\n"
+        '  - url: "tcpin://0.0.0.0:5760"  # the tablet\n'
+        "    shaper: none\n"
+        '    key_file: "/etc/swingd/gcs.key"\n'
+        "    system_ids: [255]\n\n"
+    ) in text
+    assert "[1 .. 255]\nendpoints: []\n\n" in dump_parameters(Parameters())
+
+
 def test_json_accepts_values_that_do_not_go_together() -> None:
     heavy = dataclasses.replace(Parameters(), payload=Payload(mass_kg=500.0))
     assert parameters_from_json(parameters_to_json(heavy)) == heavy
@@ -491,10 +703,18 @@ def test_json_accepts_values_that_do_not_go_together() -> None:
 
 def test_json_problems_name_the_keys() -> None:
     with pytest.raises(ConfigurationError) as caught:
-        parameters_from_json('{"payload": {"mass_kg": NaN, "x": 1}, "mode": "no"}')
+        parameters_from_json('{"payload": {"mass_kg": NaN, "x": 1}, "mode": "no", "endpoints": [{"shaper": 1}, 2]}')
     assert str(caught.value) == (
-        "parameters: 3 problems\n"
+        "parameters: 5 problems\n"
         "  payload.x: no such key; expected one of mass_kg\n"
+        "  endpoints.2: 2 given; expected a group of keys, such as {url: udpin://127.0.0.1:14541}\n"
         "  mode: 'no' given; expected one of shadow, hold, inline\n"
-        "  payload.mass_kg: nan given; expected a number from 0.005 to 2000 kg"
+        "  payload.mass_kg: nan given; expected a number from 0.005 to 2000 kg\n"
+        "  endpoints.1.shaper: 1 given; expected one of none, zv, zvd, ei"
     )
+
+
+def test_a_record_from_before_there_were_endpoints_has_none() -> None:
+    values = plain(Parameters())
+    del values["endpoints"]
+    assert parameters_from_json(json.dumps(values)) == Parameters()

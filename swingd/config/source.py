@@ -1,0 +1,45 @@
+"""A configuration as it is given: the bytes of a file, and overrides; read once, whatever then becomes of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from swingd.config.draft import shown
+from swingd.model.errors import ConfigurationError
+
+SIZE_MAX = 256 * 1024
+"""Largest file that is read [bytes]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What a configuration is made of."""
+
+    name: str
+    """The file, for messages."""
+    content: bytes
+    """YAML in UTF-8; empty without a file."""
+    overrides: tuple[str, ...]
+    """``KEY=VALUE`` each."""
+
+
+def read_source(path: Path | str | None, overrides: Sequence[str]) -> Source:
+    """Read a file, if there is one.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read or is larger than `SIZE_MAX`.
+    """
+    if path is None:
+        return Source("configuration", b"", tuple(overrides))
+    try:
+        with open(path, "rb") as file:
+            content = file.read(SIZE_MAX + 1)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror or error}; expected a configuration file in YAML") from None
+    except ValueError as error:
+        raise ConfigurationError(f"{shown(str(path))}: {error}; expected the path of a configuration file") from None
+    if len(content) > SIZE_MAX:
+        raise ConfigurationError(f"{path}: larger than {SIZE_MAX // 1024} KiB; expected a configuration file in YAML")
+    return Source(str(path), content, tuple(overrides))
