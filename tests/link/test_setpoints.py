@@ -19,6 +19,8 @@ from swingd.link.setpoints import FRESH_S, SETPOINT_IDS
 from swingd.model.actions import Setpoint
 from swingd.model.events import AppSetpoint, AutopilotKind, SetpointUse, UnmetSetpoint
 from swingd.model.parameters import Link, ShaperName, Thrust
+from swingd.sim.copter import local_target_of
+from swingd.sim.px4 import setpoint_of
 
 from .messages import Autopilot, attitude, attitude_target, copter_heartbeat, local_position, px4_heartbeat
 
@@ -285,6 +287,52 @@ def test_every_mask_in_every_global_frame_is_followed_as_if_it_had_come_directly
     adapter = flying(kind)
     results = {check(adapter, kind, globe(mask, frame)) for mask in range(4096)}
     assert AppSetpoint in results  # even in a frame that is refused: it only matters to positions
+
+
+def axes(values: Any) -> tuple[float | None, ...]:
+    return tuple(None if v is None else pytest.approx(v, abs=1e-5) for v in values)
+
+
+def simulated(kind: AutopilotKind, message: Any) -> Any:
+    """What the simulated autopilot makes of a message, None if it does not follow it."""
+    if kind is PX4:
+        m = body_to_ned()
+        w = math.sqrt(1.0 + m[0][0] + m[1][1] + m[2][2]) / 2
+        q = (w, (m[2][1] - m[1][2]) / (4 * w), (m[0][2] - m[2][0]) / (4 * w), (m[1][0] - m[0][1]) / (4 * w))
+        return setpoint_of(message, q)
+    return local_target_of(message, POSITION, YAW)
+
+
+@pytest.mark.parametrize(("kind", "frame"), [(PX4, 1), (PX4, 8), *((COPTER, frame) for frame in (1, 7, 8, 9))])
+def test_the_simulated_autopilots_read_alike(kind, frame):
+    adapter = flying(kind)
+    for mask in range(4096):
+        original = on_the_wire(local(mask, frame))
+        result = adapter.app_setpoint(NOW_S, original, 0)
+        followed = simulated(kind, original.message)
+        assert isinstance(result, AppSetpoint) == (followed is not None), hex(mask)
+        if not isinstance(result, AppSetpoint):
+            continue
+        (sent,) = adapter.messages(
+            Setpoint(
+                100.0,
+                result.use,
+                result.pos_ned_m,
+                result.vel_ned_mps,
+                result.acc_ned_mps2,
+                result.yaw_rad,
+                result.yaw_rate_radps,
+            )
+        )
+        again = simulated(kind, on_the_wire(sent).message)
+        nothing = (None, None, None)
+        for name in ("pos_ned_m", "vel_ned_mps", "acc_ned_mps2"):
+            assert (getattr(again, name) or nothing) == axes(getattr(followed, name) or nothing), hex(mask)
+        if getattr(followed, "yaw_is_relative", False):
+            assert math.remainder(again.yaw_rad - YAW_SP - followed.yaw_rad, 2 * math.pi) == pytest.approx(0, abs=1e-6)
+            assert not again.yaw_is_relative
+        else:
+            assert (again.yaw_rad, again.yaw_rate_radps) == (followed.yaw_rad, followed.yaw_rate_radps)
 
 
 any_float = st.one_of(st.floats(-30.0, 30.0, width=32), st.just(nan))
