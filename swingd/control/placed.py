@@ -20,10 +20,11 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from swingd.control.base import Vec2
-from swingd.model.parameters import Parameters
+from swingd.core.constants import GRAVITY_MPS2
+from swingd.model.parameters import Autopilot, Parameters
 
-_ATTITUDE_DAMPING = 0.6
-_GRAVITY_MPS2 = 9.80665
+ATTITUDE_DAMPING = 0.6
+"""Of the attitude loop, taken as second order."""
 _DELAY_MIN_S = 1e-4
 """A shorter delay is none."""
 _PHASE_MAX = 4.0
@@ -103,15 +104,20 @@ class _Loop:
         return [root * self.natural_radps for root in roots if abs(root) > _STANDING_SHARE]
 
 
+def attitude_bandwidth_radps(autopilot: Autopilot) -> float:
+    """Give the natural frequency of the attitude loop whose delay at low frequencies is the autopilot's [rad/s]."""
+    return 2.0 * ATTITUDE_DAMPING / max(autopilot.acceleration_delay_s, 1e-3)
+
+
 def _loop(parameters: Parameters) -> _Loop:
     """Build the polynomials of (s^2 + g/L)(1 + M/m G W) + (m_l/m)(g/L) = -M/m G B C (kp + kd s)."""
     autopilot, control = parameters.autopilot, parameters.control
     ratio = parameters.payload.mass_kg / parameters.vehicle.mass_kg
-    stiffness = _GRAVITY_MPS2 / parameters.cable.length_m
-    bandwidth = 2.0 * _ATTITUDE_DAMPING / max(autopilot.acceleration_delay_s, 1e-3)
+    stiffness = GRAVITY_MPS2 / parameters.cable.length_m
+    bandwidth = attitude_bandwidth_radps(autopilot)
     leak, washout = control.velocity_leak_s, control.washout_s
     s = Polynomial([0.0, 1.0])
-    G_den = s**2 / bandwidth**2 + 2.0 * _ATTITUDE_DAMPING / bandwidth * s + 1.0
+    G_den = s**2 / bandwidth**2 + 2.0 * ATTITUDE_DAMPING / bandwidth * s + 1.0
     pi = autopilot.velocity_p * s + autopilot.velocity_i
     W_num = autopilot.velocity_d * s**2 + pi
     B_num, B_den = s * (1.0 + leak * s) + pi * leak, s * (1.0 + leak * s)

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 from swingd.control.placed import design
+from swingd.core.constants import GRAVITY_MPS2
 from swingd.model.parameters import Parameters, Thrust
 
-GRAVITY_MPS2 = 9.80665
 SAG_RATIO = 0.85
 """Share of the nominal voltage at which the hover throttle is given a second time: an emptying battery under load."""
 

@@ -14,10 +14,9 @@ from enum import IntEnum
 import numpy as np
 
 from swingd.core._jit import F8, I8, MAT, VEC, VOID, kernel
+from swingd.core.constants import GRAVITY_MPS2 as GRAVITY_MPS2
 from swingd.core.linalg import cholesky, cholesky_solve, invert, riccati_backward_euler
 from swingd.core.status import Status
-
-GRAVITY_MPS2 = 9.80665
 
 
 class State(IntEnum):

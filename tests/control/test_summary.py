@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swingd.control import summary
 from swingd.control.placed import design
 from swingd.control.summary import curve_thrust_n, hover_throttle, hover_thrust_n, summarise
-from swingd.core import swing_ekf
+from swingd.core.constants import GRAVITY_MPS2
 from swingd.model.parameters import Cable, Control, Parameters, Payload, Thrust, Vehicle
 
 IRIS = Thrust(quadratic_n=37.376, linear_n=7.4752, offset_n=0.37376, voltage_nominal_v=16.2, voltage_exponent=2.0)
@@ -21,10 +20,6 @@ def vehicle_and_load(vehicle_kg: float, payload_kg: float, cable_m: float = 1.5,
     return dataclasses.replace(
         Parameters(), vehicle=Vehicle(vehicle_kg), payload=Payload(payload_kg), cable=Cable(cable_m), **parts
     )
-
-
-def test_gravity_is_the_filters() -> None:
-    assert summary.GRAVITY_MPS2 == swing_ekf.GRAVITY_MPS2
 
 
 @pytest.mark.parametrize(
@@ -82,7 +77,7 @@ def test_swing_frequencies_are_eigenvalues_of_two_point_masses(
 ) -> None:
     """Vehicle and load on one horizontal axis, joined by the cable's tension m_l g over its length."""
     found = summarise(vehicle_and_load(vehicle_kg, payload_kg, cable_m))
-    spring = payload_kg * summary.GRAVITY_MPS2 / cable_m
+    spring = payload_kg * GRAVITY_MPS2 / cable_m
     free = np.array([[-spring / vehicle_kg, spring / vehicle_kg], [spring / payload_kg, -spring / payload_kg]])
     assert found.swing_free.frequency_radps == pytest.approx(math.sqrt(-np.linalg.eigvals(free).real.min()))
     assert found.swing_fixed.frequency_radps == pytest.approx(math.sqrt(spring / payload_kg))
