@@ -281,6 +281,7 @@ class Hold:
         1.0, "s", 0.1, 10.0, "a reference set from outside that is not repeated for this long falls back to the above"
     )
     hold_altitude: bool = choice(True, "keep the altitude of OFFBOARD's beginning while the vertical reference is 0")
+    shaper: ShaperName = choice(ShaperName.NONE, "input shaper of the reference velocity: none, zv, zvd or ei")
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,10 +320,10 @@ class Shaping:
     """Feed-forward: how an application's steps are spread so that they excite the swing less."""
 
     acc_max_mps2: float = quantity(
-        1.5, "m/s^2", 0.1, 20.0, "largest horizontal acceleration of a shaped setpoint", mavlink="SWG_SHP_ACC"
+        2.2, "m/s^2", 0.1, 20.0, "largest horizontal acceleration of a shaped setpoint", mavlink="SWG_SHP_ACC"
     )
     jerk_max_mps3: float = quantity(
-        6.0, "m/s^3", 0.1, 1000.0, "largest horizontal jerk of a shaped setpoint", mavlink="SWG_SHP_JERK"
+        25.0, "m/s^3", 0.1, 1000.0, "largest horizontal jerk of a shaped setpoint", mavlink="SWG_SHP_JERK"
     )
     vel_max_mps: float = quantity(
         8.0, "m/s", 0.1, 50.0, "largest speed towards a shaped position", mavlink="SWG_SHP_VEL"
