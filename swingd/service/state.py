@@ -40,7 +40,7 @@ class StateFile:
     configuration : Path or None
         The configuration file; None where there is none. Each has a state file of its own.
     on_note : callable
-        Gets what the writer has to tell, from its thread.
+        Gets what the writer has to tell, from its thread; a RuntimeError of it is ignored.
     folder : Path, optional
         Where it lies instead of `state_folder`.
 
@@ -216,12 +216,12 @@ class StateFile:
                 self._write(text)
             except OSError as error:
                 reason = error.strerror or str(error)
-                self._on_note(
-                    StatusText(
-                        Severity.WARNING,
-                        f"state file {self.path} cannot be written: {reason}; what was set is lost at the next start",
-                    )
+                text_told = (
+                    f"state file {self.path} cannot be written: {reason}; what was set is lost at the next start"
                 )
+                # The event loop that it is handed to may have ended.
+                with contextlib.suppress(RuntimeError):
+                    self._on_note(StatusText(Severity.WARNING, text_told))
                 with self._lock:
                     if self._text == text:
                         self._writer = None

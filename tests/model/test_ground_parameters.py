@@ -1,6 +1,7 @@
 import math
 import re
 from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
 from typing import get_type_hints
 
 import pytest
@@ -75,3 +76,18 @@ def test_bounds_are_finite():
         assert math.isfinite(parameter.low)
         assert math.isfinite(parameter.high)
         assert parameter.low < parameter.high
+
+
+def test_the_documentation_lists_what_there_is():
+    text = (Path(__file__).parents[2] / "docs" / "ground-station.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| `SWG_")]
+    assert [[cell.strip() for cell in row] for row in rows] == [
+        [
+            f"`{p.name}`",
+            f"`{p.key}`",
+            *([p.unit] if p.unit else [""]),
+            "0, 1" if p.is_switch else KEYS[p.key].range,
+            p.text,
+        ]
+        for p in GROUND_PARAMETERS
+    ]

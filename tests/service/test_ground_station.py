@@ -1,6 +1,7 @@
-"""Ground stations and pymavlink's own parameter client against swingd's servers over UDP."""
+"""Ground stations, pymavlink's own parameter client and MAVSDK's against swingd's servers over UDP."""
 
 import asyncio
+import contextlib
 import itertools
 import time
 from collections.abc import AsyncIterator, Callable
@@ -9,6 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
+from mavsdk.asyncio.plugins.param import ParamAsync, ParamError
+from mavsdk.plugins.param import ProtocolVersion
 from pymavlink import mavparm, mavutil
 
 from swingd.link.codec import Codec
@@ -123,6 +127,11 @@ class Client:
             type="PARAM_VALUE", condition=f"PARAM_VALUE.param_id == {name!r}", blocking=True, timeout=2.0
         )
         return None if message is None else message.param_value
+
+    def flood(self) -> None:
+        for _ in range(300):
+            self.link.mav.param_request_list_send(SYSTEM, COMPONENT)
+            self.link.mav.param_request_read_send(SYSTEM, COMPONENT, b"SWG_ENABLE", -1)
 
     def command(self, param1: float, confirmation: int = 0) -> Any:
         mav = mavutil.mavlink
@@ -245,14 +254,44 @@ async def test_a_flood_of_requests_is_answered_at_the_pace_and_a_value_set_meanw
         with Client(host.port) as client:
             await asyncio.to_thread(client.hello)
             begun_s = time.monotonic()
-            for _ in range(300):
-                client.link.mav.param_request_list_send(SYSTEM, COMPONENT)
-                client.link.mav.param_request_read_send(SYSTEM, COMPONENT, b"SWG_ENABLE", -1)
+            await asyncio.to_thread(client.flood)
             known = mavparm.MAVParmDict()
-            assert await asyncio.to_thread(known.mavset, client.link, "SWG_WASHOUT", 9.0)
+            # The value that the list gives meanwhile looks like a confirmation, and the socket may have been full.
+            for _ in range(5):
+                if host.server.parameters.control.washout_s != 9.0:
+                    assert await asyncio.to_thread(known.mavset, client.link, "SWG_WASHOUT", 9.0)
             values = await asyncio.to_thread(client.collect)
             took_s = time.monotonic() - begun_s
     assert len(values) <= len(GROUND_PARAMETERS)
     assert host.server.parameters.control.washout_s == 9.0
     # Besides four heartbeats a second everything is paced.
     assert host.codec.sent <= (2 + 0.2) * (took_s / TICK_S + 10)
+
+
+async def test_mavsdk_lists_reads_sets_and_hears_of_a_refusal(tmp_path):
+    async with (
+        Host(Parameters(), tmp_path).serving() as host,
+        Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk,
+    ):
+        await mavsdk.add_any_connection(f"udpout://127.0.0.1:{host.port}")
+        async with asyncio.timeout(10.0):
+            while not (systems := await mavsdk.get_systems()):
+                await asyncio.sleep(0.02)
+        param = ParamAsync(systems[0])
+        try:
+            with contextlib.suppress(ParamError):  # it answers UNKNOWN and does what it is told
+                await param.select_component(COMPONENT, ProtocolVersion.V1)
+            listed = await param.get_all_params()
+            assert {item.name: pytest.approx(item.value, rel=1e-6) for item in listed.float_params} == {
+                parameter.name: parameter.get(Parameters()) for parameter in GROUND_PARAMETERS
+            }
+            assert (listed.int_params, listed.custom_params) == ([], [])
+            await param.set_param_float("SWG_CABLE_LEN", 2.4)
+            assert host.server.parameters.cable.length_m == 2.4
+            assert await param.get_param_float("SWG_CABLE_LEN") == pytest.approx(2.4)
+            with pytest.raises(ParamError):
+                await param.set_param_float("SWG_DAMPING", 3.0)
+            assert await param.get_param_float("SWG_DAMPING") == 0.5
+            assert host.refusals == ["SWG_DAMPING: 3 given; expected 0.05 to 0.95"]
+        finally:
+            param.destroy()
