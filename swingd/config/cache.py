@@ -22,7 +22,7 @@ ENTRIES_MAX = 32
 
 _ENTRY_BYTES_MAX = 256 * 1024
 _PREFIX = "configuration-"
-_JUDGES = ("config/*.py", "control/*.py", "link/url.py", "model/*.py")
+_JUDGES = ("config/*.py", "control/*.py", "core/constants.py", "link/url.py", "model/*.py")
 """What decides whether a configuration is valid and what it means, below the package."""
 
 
@@ -84,16 +84,14 @@ def _entry(source: Source) -> Path | None:
 def _read(entry: Path) -> Parameters | None:
     """Give what an entry holds; None if there is none, or none to be believed."""
     try:
-        # A pipe or device in its place must not stop the start.
-        descriptor = os.open(entry, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-        with open(descriptor, "rb") as file:
-            status = os.fstat(descriptor)
+        with open(entry, "rb", opener=_open_existing) as file:
+            status = os.fstat(file.fileno())
             is_own = status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
             if not (stat.S_ISREG(status.st_mode) and is_own):
                 return None
             content = file.read(_ENTRY_BYTES_MAX)
             with contextlib.suppress(OSError):
-                os.utime(descriptor)
+                os.utime(file.fileno())
         checksum, _, text = content.partition(b"\n")
         if checksum != _checksum(entry, text):
             return None
@@ -103,6 +101,11 @@ def _read(entry: Path) -> Parameters | None:
     return parameters
 
 
+def _open_existing(path: str, flags: int) -> int:
+    # A pipe in its place must not stop the start.
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK)
+
+
 def _write(entry: Path, parameters: Parameters) -> None:
     folder = entry.parent
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -110,8 +113,7 @@ def _write(entry: Path, parameters: Parameters) -> None:
     # Whole or not at all, also when two starts write the same entry or the power fails.
     unfinished = folder / f"{_PREFIX}{os.getpid()}.unfinished"
     unfinished.unlink(missing_ok=True)
-    descriptor = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-    with open(descriptor, "wb") as file:
+    with open(unfinished, "xb", opener=lambda path, flags: os.open(path, flags, 0o600)) as file:
         file.write(_checksum(entry, text) + b"\n" + text)
     unfinished.replace(entry)
     _prune(folder)

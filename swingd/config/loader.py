@@ -50,10 +50,8 @@ def load_source(source: Source) -> Parameters:
     for override in source.overrides:
         _apply(draft, override)
     parameters = _resolve(draft)
-    for check in CHECKS:
-        # A key that was refused stands at its default, which is not the user's to answer for.
-        if any(draft.is_refused(key) for key in check.keys):
-            continue
+    # A key that was refused stands at its default, which is not the user's to answer for.
+    for check in [check for check in CHECKS if not any(draft.is_refused(key) for key in check.keys)]:
         if text := check.find(parameters):
             draft.refuse(next((key for key in check.keys if key in draft.places), check.keys[0]), text)
     draft.raise_problems(source.name)

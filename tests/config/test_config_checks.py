@@ -173,6 +173,15 @@ def test_without_a_thrust_stream_the_curve_need_not_carry_the_load() -> None:
     assert load_parameters(None, [*heavy, "thrust.source=remark_1"]).vehicle.mass_kg == 5.0
 
 
+def test_two_things_that_are_wrong_with_one_value_are_both_said() -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        load_parameters(None, ["payload.mass_kg=5"])
+    head, hover, ratio = str(caught.value).split("\n  ")
+    assert head == "configuration: 2 problems"
+    assert "need 68.6 N to hover" in hover
+    assert "is 2.5 of the vehicle's 2 kg" in ratio
+
+
 def test_each_of_the_most_endpoints_is_checked() -> None:
     urls = [f"udpin://:{port}" for port in range(15_001, 15_001 + LIST_MAX)]
     listed = ", ".join(f"{{url: '{url}'}}" for url in urls)
