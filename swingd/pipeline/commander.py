@@ -11,10 +11,11 @@ from swingd.model.parameters import Mode, Parameters
 from swingd.pipeline.application import ApplicationStream
 from swingd.pipeline.correction import NO_PUSH, Correction, Push, turn
 from swingd.pipeline.envelope import Conditions, Fade, may_correct
+from swingd.pipeline.feed_forward import FeedForward
 from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S
 from swingd.pipeline.merge import Reference, is_correctable, merge, reference_of
 from swingd.pipeline.payload_state import PayloadState
-from swingd.pipeline.reference import HoldReference
+from swingd.pipeline.reference import POSITION_AGE_MAX_S, HoldReference
 
 TEXT_EVERY_S = 5.0
 STREAM_LOST_S = 1.0
@@ -58,10 +59,12 @@ class Commander:
         self._law = make_law(parameters)
         self._hold = HoldReference(parameters.hold)
         self._application = ApplicationStream()
+        self._feed_forward = FeedForward(parameters)
         self._correction = Correction(parameters.control)
         self._fade = Fade(parameters.control)
         self._t_mono_s = -math.inf
         self._state: AutopilotState | None = None
+        self._position: LocalPosition | None = None
         self._stepped_s = -math.inf
         self._willing = False
         self._meeting = False
@@ -80,6 +83,7 @@ class Commander:
         self._parameters = parameters
         self._law = make_law(parameters)
         self._hold.configure(parameters.hold)
+        self._feed_forward.configure(parameters)
         self._correction.configure(parameters.control)
         self._fade.configure(parameters.control)
 
@@ -101,6 +105,7 @@ class Commander:
 
     def add_position(self, position: LocalPosition) -> None:
         """Take the vehicle's position."""
+        self._position = position
         self._hold.add_position(position)
 
     def turn(self, yaw_jump_rad: float) -> None:
@@ -109,6 +114,7 @@ class Commander:
 
     def autopilot_restarted(self) -> None:
         """Positions mean nothing any more."""
+        self._position = None
         self._hold.restarted()
         self._application.end()
         self.drop()
@@ -134,6 +140,7 @@ class Commander:
         """Nothing follows the setpoints any more, or nobody asks: begin from zero the next time."""
         self._willing = self._meeting = False
         self._fade.cut()
+        self._feed_forward.drop()
         self._correction.reset()
         self.push = NO_PUSH
 
@@ -224,12 +231,16 @@ class Commander:
                 self.drop()
                 return None
         fade = self._fade.update(allowed, now.dt_s)
+        reference = self._inline_reference(fade) if mode is Mode.INLINE else self._hold_reference(now)
+        if reference is not None:
+            reference = self._shaped(reference, fade, now.dt_s)
+        elif mode is Mode.INLINE:
+            return None
         wanted = self._wanted(now) if allowed else None
         push = self._correction.update(wanted, fade, now.dt_s)
         if mode is Mode.INLINE:
             push = push.scaled(self._application.freshness(self._t_mono_s, now.dt_s))
         self.push = push.turned(now.yaw_rad - now.level_yaw_rad) if push is not NO_PUSH else push
-        reference = self._inline_reference(fade) if mode is Mode.INLINE else self._hold_reference(now)
         if reference is None:
             return None
         merged = merge(reference, self.push, self._kind)
@@ -244,9 +255,32 @@ class Commander:
         )
 
     def _wanted(self, now: Situation) -> Vec2:
-        """What the law asks for, in the level frame; it sees the swing in the heading frame."""
-        ahead, rate = (turn(vector, -now.level_yaw_rad) for vector in (now.direction, now.direction_rate_per_s))
+        """What the law asks for, in the level frame; it sees the swing in the heading frame.
+
+        It answers what differs from the swing that the shaped reference plans, or else it would fight the plan.
+        """
+        estimated = (turn(vector, -now.level_yaw_rad) for vector in (now.direction, now.direction_rate_per_s))
+        planned = (turn(vector, -now.yaw_rad) for vector in self._feed_forward.swing)
+        ahead, rate = ((e[0] - p[0], e[1] - p[1]) for e, p in zip(estimated, planned, strict=True))
         return turn(self._law.acceleration(ahead, rate), now.level_yaw_rad)
+
+    def _shaped(self, reference: Reference, fade: float, dt_s: float) -> Reference:
+        """Shape what is asked for, the way whoever asks is to be shaped."""
+        shaper, age_s = self._parameters.hold.shaper, 0.0
+        setpoint = self._application.setpoint
+        if self._parameters.mode is Mode.INLINE and setpoint is not None:
+            shaper, age_s = setpoint.shaper, self._t_mono_s - setpoint.t_mono_s
+        position = self._position
+        known = position is not None and self._t_mono_s - position.t_mono_s < POSITION_AGE_MAX_S
+        return self._feed_forward.update(
+            reference,
+            shaper,
+            kind=self._kind,
+            fade=fade,
+            dt_s=dt_s,
+            age_s=age_s,
+            place_m=position.pos_ned_m[:2] if position is not None and known else None,
+        )
 
     def _inline_reference(self, fade: float) -> Reference | None:
         """The application's setpoint; None once the correction has faded, so that its next one passes as it comes."""

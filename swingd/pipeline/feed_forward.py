@@ -28,13 +28,15 @@ class FeedForward:
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
-        self._shaper = Shaper(parameters, ShaperName.NONE)
+        self._name = ShaperName.NONE
+        self._shaper = Shaper(parameters, self._name)
         self._nominal = NominalMotion(parameters)
         self._active = False
 
     def configure(self, parameters: Parameters) -> None:
         """Take other parameters; the motion goes on from where it is."""
         self._parameters = parameters
+        self._shaper.configure(parameters, self._name)
         self._nominal.configure(parameters)
 
     def drop(self) -> None:
@@ -82,7 +84,9 @@ class FeedForward:
         if fade <= 0.0 or name is ShaperName.NONE or target is None:
             self.drop()
             return reference
-        self._shaper.configure(self._parameters, name)
+        if name is not self._name:
+            self._name = name
+            self._shaper.configure(self._parameters, name)
         if not self._active:
             self._active = True
             self._shaper.begin(target)
