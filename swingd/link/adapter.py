@@ -9,7 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link import swing_message
-from swingd.link.codec import Codec, Frame
+from swingd.link.codec import Frame, Framer
 from swingd.link.setpoints import (
     ACC_MAX_MPS2,
     FORCE_BIT,
@@ -123,7 +123,6 @@ class AutopilotAdapter:
     """
 
     def __init__(self, link: Link, thrust: Thrust) -> None:
-        self.codec = Codec(link.system_id or 1, link.component_id)
         self.autopilot: AutopilotId | None = None
         """The autopilot that is served; None until its HEARTBEAT is heard."""
         self._requests = StreamRequests()
@@ -132,6 +131,9 @@ class AutopilotAdapter:
         """What was not used, by reason."""
         self.received: Counter[Stream] = self._telemetry.received
         """Samples that became events."""
+        self.system_id = link.system_id or 1
+        """The system that swingd is a component of: the autopilot's, once it is known."""
+        self._framer = Framer()
         self._system_id_wanted = link.system_id
         self._component_id = link.component_id
         self._wants_remote_control = link.rc_channel != 0
@@ -159,7 +161,7 @@ class AutopilotAdapter:
 
     def receive(self, t_mono_s: float, data: bytes) -> list[Event]:
         """`take` the frames that received bytes, cut anywhere, complete."""
-        return self.take(t_mono_s, self.codec.receive(data))
+        return self.take(t_mono_s, self._framer.receive(data))
 
     def take(self, t_mono_s: float, frames: Sequence[Frame]) -> list[Event]:
         """Take received frames and return their events in the order of arrival; never raises.
@@ -242,7 +244,7 @@ class AutopilotAdapter:
             mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: AutopilotKind.ARDUPILOT,
         }.get(heartbeat.autopilot, AutopilotKind.OTHER)
         self.autopilot = AutopilotId(frame.system_id, frame.component_id, kind)
-        self.codec.system_id = frame.system_id
+        self.system_id = frame.system_id
         self._telemetry.kind = kind
         self._requests.serve(kind)
         return self.autopilot
@@ -271,7 +273,7 @@ class AutopilotAdapter:
         m = frame.message
         if m.command != mavlink.MAV_CMD_SET_MESSAGE_INTERVAL or m.result == mavlink.MAV_RESULT_IN_PROGRESS:
             return
-        if m.target_system not in (0, self.codec.system_id) or m.target_component not in (0, self._component_id):
+        if m.target_system not in (0, self.system_id) or m.target_component not in (0, self._component_id):
             return
         refused = self._requests.acknowledged(t_mono_s, m.result)
         if refused is not None:
@@ -300,7 +302,7 @@ class AutopilotAdapter:
         """Take the reference of mode ``hold``: a setpoint addressed to swingd, in LOCAL_NED."""
         m = frame.message
         is_plausible = self._telemetry.is_plausible
-        if m.target_system != self.codec.system_id or m.target_component != self._component_id:
+        if m.target_system != self.system_id or m.target_component != self._component_id:
             return
         if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED or m.type_mask & FORCE_BIT:
             self.drops[Drop.SETPOINT_FRAME] += 1
@@ -340,10 +342,6 @@ class AutopilotAdapter:
         if self._wants_remote_control and t_mono_s - self._remote_control_t_mono_s > _REMOTE_CONTROL_SILENT_S:
             messages += self._request_messages(autopilot, StreamRequest(Stream.REMOTE_CONTROL, _REMOTE_CONTROL_HZ))
         return messages
-
-    def encode(self, action: Action) -> bytes | None:
-        """Pack the `messages` of an action with the sequence numbers of `codec`; None if there are none."""
-        return b"".join(map(self.codec.encode, self.messages(action))) or None
 
     def messages(self, action: Action) -> list[Any]:
         """Return the messages that an action becomes, as pymavlink's objects; none (counted) if it cannot be sent.

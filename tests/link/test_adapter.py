@@ -93,7 +93,7 @@ def test_the_first_autopilot_is_kept_and_others_are_ignored():
     assert adapter.receive(0.1, second(px4_heartbeat(), imu(1.0))) == []
     assert adapter.receive(0.1, Autopilot(7, 2)(imu(1.0))) == []
     assert len(adapter.receive(0.1, first(imu(1.0)))) == 1
-    assert adapter.codec.system_id == 7
+    assert adapter.system_id == 7
 
 
 def test_a_configured_system_is_waited_for():
@@ -339,7 +339,7 @@ def test_samples_of_two_messages_never_mix(phases):
 
 def test_a_denied_message_is_not_waited_for():
     adapter, autopilot = copter()
-    adapter.encode(StreamRequest(Stream.IMU, 250.0))
+    adapter.messages(StreamRequest(Stream.IMU, 250.0))
     denied = mavlink.MAVLink_command_ack_message(511, mavlink.MAV_RESULT_DENIED, 0, 0, 1, 191)
     assert adapter.receive(0.1, autopilot(denied)) == []
     assert len(adapter.receive(0.2, autopilot(raw_imu(1.0)))) == 1
