@@ -7,7 +7,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.codec import Codec
-from swingd.model.parameters import Cable, Parameters, Payload, Simulation, Thrust, Vehicle
+from swingd.model.parameters import AutopilotKind, Cable, Parameters, Payload, Simulation, Thrust, Vehicle
 from swingd.sim.lockstep import Lockstep
 from swingd.sim.peer import SimulatedAutopilot
 from swingd.sim.plant import DT_S, Truth
@@ -39,6 +39,24 @@ def with_vehicle(parameters: Parameters, **changes: Any) -> Parameters:
     return replace(parameters, vehicle=replace(parameters.vehicle, **changes))
 
 
+def as_copter(parameters: Parameters) -> Parameters:
+    """The same vehicle behind Copter's face."""
+    return replace(parameters, simulation=replace(parameters.simulation, autopilot=AutopilotKind.ARDUPILOT))
+
+
+def copter_sitl(load_kg: float, length_m: float) -> Parameters:
+    """The 3 kg quadrotor of ArduPilot's SITL with a load, without noise."""
+    parameters = iris(load_kg, length_m)
+    return as_copter(
+        replace(
+            parameters,
+            vehicle=replace(parameters.vehicle, mass_kg=3.0),
+            thrust=Thrust(quadratic_n=82.0, linear_n=16.5, offset_n=0.8),
+            simulation=replace(parameters.simulation, vehicle_inertia_kg_m2=(0.064, 0.064, 0.121)),
+        )
+    )
+
+
 def velocity(
     north: float, east: float, *, down_m: float | None = -8.0, acc: tuple[float, float] | None = None, yaw: float = 0.0
 ) -> Any:
@@ -57,9 +75,12 @@ def velocity(
 class Application:
     """A companion in lockstep: sends commands at once and setpoints at 50 Hz, keeps the frames that come."""
 
-    def __init__(self, parameters: Parameters, px4: dict[str, float] | None = None) -> None:
-        self.peer = SimulatedAutopilot(parameters, px4)
+    def __init__(
+        self, parameters: Parameters, autopilot_parameters: dict[str, float] | None = None, **options: Any
+    ) -> None:
+        self.peer = SimulatedAutopilot(parameters, autopilot_parameters, **options)
         self.codec = Codec(1, 191)
+        self.ground = Codec(255, 190)
         self.setpoint: Callable[[float], Any] | None = None
         self.messages: list[tuple[float, Any]] = []
         self.truths: list[Truth] = []
@@ -119,6 +140,15 @@ class Application:
         self.run(0.2)
         self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6, 0)
         self.run(0.1)
+
+    def take_off_guided(self, height_m: float = 8.0) -> None:
+        """Copter: climb in GUIDED and come to rest."""
+        self.run(0.5)
+        self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+        self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        self.run(0.1)
+        self.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m)
+        self.run(10.0 + height_m)
 
 
 def steps(duration_s: float) -> int:
