@@ -1,5 +1,5 @@
 """``python -m swingd``."""
 
-from swingd.cli.main import main
+from swingd.cli.start import main
 
 main()

@@ -30,13 +30,12 @@ from swingd.link.codec import Codec
 from swingd.model.parameters import Mode, Parameters
 from swingd.record.event_log import EventLogWriter
 from swingd.replay import replay
-from swingd.sim.lockstep import Lockstep
+from swingd.sim.lockstep import EngineCompanion, Lockstep
 from swingd.sim.peer import SimulatedAutopilot
 
 FloatArray = npt.NDArray[np.float64]
 ROUNDS = 5
 FLIGHT_S = 30.0
-TICK_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -162,16 +161,15 @@ class Flight:
     """What an engine received."""
 
     parameters: Parameters
-    received: list[tuple[float, bytes | None]]
-    """Time and bytes; None is a tick."""
+    received: list[tuple[float, bytes]]
+    """Time and bytes."""
     wall_s: float
 
     def run(self, engine: Engine) -> None:
+        engine.join(0.0)
+        companion = EngineCompanion(engine)
         for t_s, data in self.received:
-            if data is None:
-                engine.tick(t_s)
-            else:
-                engine.receive(t_s, data)
+            companion(t_s, data)
 
 
 def fly(duration_s: float) -> Flight:
@@ -179,9 +177,11 @@ def fly(duration_s: float) -> Flight:
     parameters = Parameters(mode=Mode.HOLD)
     peer = SimulatedAutopilot(parameters)
     engine = Engine(parameters)
+    engine.join(0.0)
+    companion = EngineCompanion(engine)
     pilot = Codec(255, 190)
-    received: list[tuple[float, bytes | None]] = []
-    tick_s, start_s = 0.0, 2.0
+    received: list[tuple[float, bytes]] = []
+    start_s = 2.0
 
     def on_step(t_s: float) -> None:
         nonlocal start_s
@@ -191,18 +191,12 @@ def fly(duration_s: float) -> Flight:
                 params = (first, 0.0, 0.0, 0.0, math.nan, math.nan, math.nan)
                 peer.receive(pilot.encode(mavlink.MAVLink_command_long_message(1, 1, command, 0, *params)))
 
-    def companion(t_s: float, data: bytes) -> bytes:
-        nonlocal tick_s
+    def noted(t_s: float, data: bytes) -> bytes:
         received.append((t_s, data))
-        frames = engine.receive(t_s, data)
-        if t_s >= tick_s:
-            tick_s += TICK_S
-            received.append((t_s, None))
-            frames += engine.tick(t_s)
-        return b"".join(frames)
+        return companion(t_s, data)
 
     begin_s = time.perf_counter()
-    Lockstep(peer, companion, on_step).run_until(duration_s)
+    Lockstep(peer, noted, on_step).run_until(duration_s)
     return Flight(parameters, received, time.perf_counter() - begin_s)
 
 
@@ -212,7 +206,6 @@ def bench_engine(flight: Flight) -> list[Result]:
     imu_frames = sum(
         frame.msg_id == mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
         for _, data in flight.received
-        if data
         for frame in splitter.receive(data)
     )
     frames = splitter.counters.frames
@@ -223,8 +216,7 @@ def bench_engine(flight: Flight) -> list[Result]:
     def theirs() -> None:
         parser = mavlink.MAVLink(None)
         for _, data in flight.received:
-            if data:
-                parser.parse_buffer(data)
+            parser.parse_buffer(data)
 
     own_s, their_s = quickest(own, theirs, rounds=3)
     duration_s = flight.received[-1][0]

@@ -19,7 +19,7 @@ from swingd.engine import Engine
 from swingd.link.codec import Codec
 from swingd.model.actions import Action, SwingReport
 from swingd.model.parameters import Mode, Parameters, ThrustSource
-from swingd.sim.lockstep import Lockstep
+from swingd.sim.lockstep import EngineCompanion, Lockstep
 from swingd.sim.peer import SimulatedAutopilot
 
 FOLDER = Path(__file__).resolve().parent.parent / "tests" / "golden"
@@ -30,7 +30,7 @@ RELATIVE = 1e-6
 """Tolerance, of the larger of the value and a tenth of its column's largest: machines differ in the last bits."""
 HEALTH = "health"
 TAKE_OFF_S, OFFBOARD_S, REFERENCE_S = 2.0, 13.0, 15.0
-TICK_S, REFERENCE_EVERY_S = 0.05, 0.1
+REFERENCE_EVERY_S = 0.1
 
 Row = dict[str, str]
 
@@ -76,8 +76,9 @@ def fly(scenario: Scenario) -> list[SwingReport]:
 
     peer = SimulatedAutopilot(scenario.parameters)
     engine = Engine(scenario.parameters, see)
+    engine.join(0.0)
     pilot = Codec(255, 190)
-    due_s = {"tick": 0.0, "reference": REFERENCE_S, "take-off": TAKE_OFF_S, "offboard": OFFBOARD_S}
+    due_s = {"reference": REFERENCE_S, "take-off": TAKE_OFF_S, "offboard": OFFBOARD_S}
 
     def command(number: int, *params: float) -> None:
         padded = (*params, *(0.0 for _ in range(7 - len(params))))
@@ -103,13 +104,7 @@ def fly(scenario: Scenario) -> list[SwingReport]:
                 )
             )  # fmt: skip
 
-    def companion(t_s: float, data: bytes) -> bytes:
-        frames = engine.receive(t_s, data)
-        if due("tick", t_s, TICK_S):
-            frames += engine.tick(t_s)
-        return b"".join(frames)
-
-    Lockstep(peer, companion, on_step).run_until(scenario.duration_s)
+    Lockstep(peer, EngineCompanion(engine), on_step).run_until(scenario.duration_s)
     return reports
 
 

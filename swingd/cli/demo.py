@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swingd.cli import options
+from swingd.cli import options, process
 
 if TYPE_CHECKING:
     from swingd.demo.figures import Figures
@@ -45,10 +45,10 @@ def demo(
     from swingd.config.loader import load_parameters
 
     parameters = load_parameters(config, overrides or ())
-    options.check_output(picture, "--picture", (config,))
-    options.announce_compilation()
-    options.end_on_signals()
-    with asyncio.Runner(loop_factory=options.event_loop_factory()) as runner:
+    process.check_output(picture, "--picture", (config,))
+    process.announce_compilation()
+    process.end_on_signals()
+    with asyncio.Runner(loop_factory=process.event_loop_factory()) as runner:
         figures = runner.run(_fly_both(parameters, speed_mps, picture, as_json))
     if as_json:
         typer.echo(json.dumps(asdict(figures), allow_nan=False))

@@ -1,18 +1,15 @@
 """The ``swingd`` command; each subcommand is a file beside this one and a line below."""
 
-import os
+import sys
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 import swingd
-from swingd.cli import check, demo, replay, run, schema, sim
-from swingd.model.errors import ConfigurationError, LinkUrlError, SwingdError
-
-EXIT_CONFIG = os.EX_CONFIG
-"""What cannot heal by starting again; a supervisor should not try."""
-EXIT_FAILURE = 1
+from swingd.cli import check, demo, doctor, replay, run, schema, sim
+from swingd.cli.process import EXIT_CODES, report
+from swingd.model.errors import SwingdError
 
 
 class _Commands(TyperGroup):
@@ -22,9 +19,7 @@ class _Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except SwingdError as error:
-            typer.echo(f"swingd: {error}", err=True)
-            code = EXIT_CONFIG if isinstance(error, ConfigurationError | LinkUrlError) else EXIT_FAILURE
-            raise typer.Exit(code) from None
+            raise typer.Exit(report(error)) from None
 
 
 app = typer.Typer(
@@ -35,7 +30,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit codes: 0 done, 2 wrong usage, 78 wrong configuration, 1 any other failure.",
+    epilog=EXIT_CODES,
 )
 
 
@@ -55,13 +50,20 @@ def _swingd(
 
 
 app.command(epilog=demo.EXAMPLES)(demo.demo)
-app.command(epilog=run.EXAMPLES)(run.run)
+
+
+@app.command(
+    name="run",
+    help=run.SUMMARY,
+    add_help_option=False,
+    context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
+)
+def _run(ctx: typer.Context) -> None:
+    sys.exit(run.main(ctx.args))
+
+
 app.command(epilog=sim.EXAMPLES)(sim.sim)
 app.command(epilog=replay.EXAMPLES)(replay.replay)
 app.command(epilog=check.EXAMPLES)(check.check)
+app.command(epilog=doctor.EXAMPLES)(doctor.doctor)
 app.command(epilog=schema.EXAMPLES)(schema.schema)
-
-
-def main() -> None:
-    """Run the command line and exit."""
-    app(prog_name="swingd")

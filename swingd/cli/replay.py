@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swingd.cli import options
+from swingd.cli import options, process
 
 if TYPE_CHECKING:
     from swingd.replay import Comparison, Replay
@@ -56,9 +56,9 @@ def replay(
     from swingd.replay import compare, write_reports
     from swingd.replay import replay as run_log
 
-    options.check_output(output, "--output", (log, config, truth))
-    options.check_output(plot, "--plot", (log, config, truth))
-    options.announce_compilation()
+    process.check_output(output, "--output", (log, config, truth))
+    process.check_output(plot, "--plot", (log, config, truth))
+    process.announce_compilation()
     parameters = load_parameters(config, overrides or ()) if config is not None or overrides else None
     true = read_truth(truth) if truth is not None else None
     with bar(f"replaying {log.name}", quiet=as_json) as advance:

@@ -1,55 +1,94 @@
-"""``swingd run``."""
+"""``swingd run``: parsed by the standard library, because the first forwarded frame waits for whatever is loaded."""
 
+import argparse
 import asyncio
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
 
-import typer
+from swingd.cli.process import EXIT_CODES, check_output, event_loop_factory, report
+from swingd.model.errors import SwingdError
 
-from swingd.cli import options
-
-EXAMPLES = """\b
+SUMMARY = "Run the daemon until SIGINT or SIGTERM: forward, estimate the swing, publish it and, by its mode, damp it."
+EXAMPLES = """\
 Examples:
   swingd run -c configs/x500.yaml
   swingd run -c configs/x500.yaml --autopilot serial:///dev/ttyAMA0:921600
+  swingd run -c configs/x500.yaml --set mode=inline --endpoint udpin://:14541 --endpoint udpout://192.168.1.5:14550
   swingd run -c configs/x500.yaml --set mode=hold --record flight.swingd
 """
 
 
-def run(
-    config: options.Config = None,
-    overrides: options.Overrides = None,
-    autopilot: Annotated[
-        str | None, typer.Option("--autopilot", metavar="URL", help="Link to the autopilot instead of link.autopilot.")
-    ] = None,
-    record: Annotated[
-        Path | None, typer.Option("--record", metavar="FILE", help="Write every input event; swingd replay runs it.")
-    ] = None,
-    summary_file: Annotated[
-        Path | None, typer.Option("--summary", metavar="FILE", help="Write the run's figures as JSON at the end.")
-    ] = None,
-) -> None:
-    """Run the daemon until SIGINT or SIGTERM: estimate the swing, publish it and, in mode hold, damp it."""
-    from swingd.config.loader import load_parameters
-    from swingd.service.logs import configure_logs
+def main(arguments: Sequence[str]) -> int:
+    """Run the command with its arguments; return the exit code."""
+    given = _parser().parse_args(arguments)
+    try:
+        return _run(given)
+    except SwingdError as error:
+        return report(error)
 
-    settings = list(overrides or ())
-    if autopilot is not None:
-        settings.append(f"link.autopilot={json.dumps(autopilot)}")
-    parameters = load_parameters(config, settings)
-    options.check_output(record, "--record", (config,), keep=True)
-    options.check_output(summary_file, "--summary", (config,))
-    options.announce_compilation()
-    configure_logs(under_journald="JOURNAL_STREAM" in os.environ)
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="swingd run",
+        description=SUMMARY,
+        epilog=f"{EXAMPLES}\n{EXIT_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add = parser.add_argument
+    add(
+        *("-c", "--config"),
+        metavar="FILE",
+        type=Path,
+        help="configuration in YAML; without it every key has its default",
+    )
+    add(
+        "--set",
+        metavar="KEY=VALUE",
+        dest="overrides",
+        action="append",
+        default=[],
+        help="set one key, for example payload.mass_kg=0.4; repeatable",
+    )
+    add("--autopilot", metavar="URL", help="link to the autopilot instead of link.autopilot")
+    add(
+        "--endpoint",
+        metavar="URL",
+        dest="endpoints",
+        action="append",
+        default=[],
+        help="link for an application or a ground station, instead of all endpoints of the file; repeatable",
+    )
+    add("--record", metavar="FILE", type=Path, help="write every input event; swingd replay runs it")
+    add("--summary", metavar="FILE", type=Path, help="write the run's figures as JSON at the end")
+    return parser
+
+
+def _run(given: argparse.Namespace) -> int:
+    from swingd.config.cache import load_cached
     from swingd.service.daemon import Daemon
+    from swingd.service.logs import Log, level_of
+    from swingd.service.state import StateFile
+
+    overrides = list(given.overrides)
+    if given.autopilot is not None:
+        overrides.append(f"link.autopilot={json.dumps(given.autopilot)}")
+    if given.endpoints:
+        overrides.append(f"endpoints={json.dumps([{'url': url} for url in given.endpoints])}")
+    parameters = load_cached(given.config, overrides)
+    check_output(given.record, "--record", (given.config,), keep=True)
+    check_output(given.summary, "--summary", (given.config,))
+    log = Log(under_journald="JOURNAL_STREAM" in os.environ)
+    state = StateFile(given.config, lambda note: log.write(level_of(note.severity), note.text))
 
     async def serve() -> None:
-        summary = await Daemon(parameters, record).run()
-        if summary_file is not None:
-            summary_file.write_text(json.dumps(asdict(summary)) + "\n", encoding="utf-8")
+        summary = await Daemon(parameters, given.record, state, log).run()
+        if given.summary is not None:
+            given.summary.write_text(json.dumps(asdict(summary)) + "\n", encoding="utf-8")
 
-    with asyncio.Runner(loop_factory=options.event_loop_factory()) as runner:
+    with asyncio.Runner(loop_factory=event_loop_factory()) as runner:
         runner.run(serve())
+    return 0

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from swingd.cli import options
+from swingd.cli import options, process
 
 EXAMPLES = """\b
 Examples:
@@ -49,9 +49,9 @@ def sim(
     if ground_station is not None:
         settings.append(f"simulation.ground_station={json.dumps(ground_station)}")
     parameters = load_parameters(config, settings)
-    options.check_output(truth, "--truth", (config,))
-    options.announce_compilation()
-    options.end_on_signals()
+    process.check_output(truth, "--truth", (config,))
+    process.announce_compilation()
+    process.end_on_signals()
     from swingd.sim.run import run_simulation
 
     simulation = parameters.simulation
@@ -60,7 +60,7 @@ def sim(
         f"{simulation.speed:g} times real time; Ctrl-C stops",
         err=True,
     )
-    with asyncio.Runner(loop_factory=options.event_loop_factory()) as runner:
+    with asyncio.Runner(loop_factory=process.event_loop_factory()) as runner:
         try:
             runner.run(run_simulation(parameters, truth_file=truth, duration_s=duration_s))
         except KeyboardInterrupt:

@@ -1,5 +1,5 @@
-"""The whole brain behind bytes: adapter and pipeline joined, still without I/O and without a clock of its own."""
+"""The whole brain behind frames: router, adapter and pipeline joined; no I/O, no clock of its own."""
 
-from swingd.engine.engine import Engine
+from swingd.engine.engine import TICK_S, Delivery, Engine
 
-__all__ = ["Engine"]
+__all__ = ["TICK_S", "Delivery", "Engine"]

@@ -1,29 +1,93 @@
-"""Bytes and ticks in, bytes out: what the daemon, the lockstep simulation and the replay of a recording all run."""
+"""Frames and ticks in, frames out: what the daemon, the lockstep simulation and the replay of a recording all run."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.adapter import AutopilotAdapter
-from swingd.model.actions import Action, SwingReport
-from swingd.model.events import CorrectionSwitch, Event, ParametersChange, Tick
-from swingd.model.parameters import Parameters
-from swingd.pipeline import Pipeline
-from swingd.record.event_log import EventLogWriter, RecordKind
+from swingd.link.codec import Encoder, Frame
+from swingd.link.command_server import CommandServer, RcSwitch
+from swingd.link.parameter_server import ParameterServer
+from swingd.link.router import AUTOPILOT, Router, endpoint_of
+from swingd.link.setpoints import SETPOINT_IDS
+from swingd.link.status_text import StatusTextLimiter
+from swingd.model.actions import (
+    Action,
+    Health,
+    Heartbeat,
+    PassSetpoint,
+    Setpoint,
+    Severity,
+    StatusText,
+    SwingReport,
+)
+from swingd.model.events import AppSetpoint, CorrectionSwitch, Event, ParametersChange, Tick
+from swingd.model.ground_parameters import GroundParameter
+from swingd.model.parameters import Mode, Parameters, ShaperName
+from swingd.record.event_log import EventLogWriter
 
+if TYPE_CHECKING:
+    # The daemon forwards before the filter is loaded, and with it numpy and numba.
+    from swingd.pipeline import Pipeline
+
+TICK_S = 0.05
+"""Period at which a host lets time pass."""
 _LATE_SHARE = 0.5
 """Of a report's period: the grid of reports is kept although filter steps jitter."""
+_HEARTBEAT_S = 1.0
+_COMPONENT_AT = 6
+"""Of a MAVLink 2 frame, as all of swingd's own are."""
+
+Delivery = tuple[int, bytes]
+"""A port and one frame, or several, that leave through it."""
+
+_TO_EVERYBODY = (Heartbeat, SwingReport, StatusText)
+_SERVED_IDS = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
+        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
+        mavlink.MAVLINK_MSG_ID_PARAM_SET,
+        mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
+        mavlink.MAVLINK_MSG_ID_COMMAND_INT,
+    }
+)
+"""What swingd answers as a component of its own."""
+
+
+class Drop(Enum):
+    """Why a frame was neither forwarded nor used."""
+
+    ECHO = "echo"
+    """swingd's own frame, come back."""
+    IMPERSONATION = "impersonation"
+    """From an endpoint, under the autopilot's name."""
+    SIGNING_KEY = "signing_key"
+    """SETUP_SIGNING holds a secret and is meant for the link that it is sent on; MAVLink forbids to forward it."""
 
 
 class Engine:
-    """One autopilot's adapter and pipeline.
+    """The router, the autopilot's adapter, and a pipeline once it has joined.
+
+    Until then everything is forwarded, and nothing is estimated nor corrected.
 
     Parameters
     ----------
     parameters : Parameters
         Everything that it needs to know.
     on_action : callable, optional
-        Sees every action of the pipeline, with the host's time, before it becomes bytes.
+        Sees every action of the pipeline, with the host's time, before it becomes messages.
     log : EventLogWriter, optional
-        Gets every input before it takes effect, and every frame that is answered.
+        Gets every input before it takes effect, and every frame of swingd's own that is answered.
+    signing : bool
+        Whether what leaves through the autopilot's port will be signed.
+    on_set : callable, optional
+        Gets all parameters and the one that a ground station has just set.
     """
 
     def __init__(
@@ -31,77 +95,316 @@ class Engine:
         parameters: Parameters,
         on_action: Callable[[float, Action], None] | None = None,
         log: EventLogWriter | None = None,
+        signing: bool = False,
+        on_set: Callable[[Parameters, GroundParameter], None] | None = None,
     ) -> None:
         self.adapter = AutopilotAdapter(parameters.link, parameters.thrust)
-        self.pipeline = Pipeline(parameters)
+        self.router = Router()
+        self.drops: Counter[Drop] = Counter()
+        """Frames that were neither forwarded nor used, by reason."""
+        self._parameters = parameters
+        self._pipeline: Pipeline | None = None
         self._on_action = on_action
         self._log = log
+        self._signing = signing
+        self._on_set = on_set
+        link = parameters.link
+        self._parameter_server = ParameterServer(parameters, link.system_id or 1, link.component_id)
+        self._command_server = CommandServer(link.system_id or 1, link.component_id)
+        self._rc_switch = RcSwitch(link.rc_channel)
+        self._texts = StatusTextLimiter()
+        self._signing_demanded = False
+        self._encoders: dict[int, Encoder] = {}
         self._report_due_s = 0.0
+        self._heartbeat_s = -_HEARTBEAT_S
 
-    def receive(self, t_mono_s: float, data: bytes) -> list[bytes]:
-        """Take bytes from the autopilot; return the frames to send to it.
+    @property
+    def parameters(self) -> Parameters:
+        """What holds now."""
+        return self._parameters
+
+    @property
+    def pipeline(self) -> Pipeline:
+        """The pipeline that has joined.
+
+        Raises
+        ------
+        AttributeError
+            If none has.
+        """
+        if self._pipeline is None:
+            raise AttributeError("no pipeline has joined the engine yet")
+        return self._pipeline
+
+    @property
+    def has_joined(self) -> bool:
+        """Whether a pipeline has joined."""
+        return self._pipeline is not None
+
+    # ---- inputs
+
+    def receive(self, t_mono_s: float, port: int, frames: Sequence[Frame]) -> list[Delivery]:
+        """Take frames that came through a port; return what leaves, in order.
 
         Parameters
         ----------
         t_mono_s : float
             The host's monotonic clock at their arrival [s].
-        data : bytes
-            Any part of the stream.
+        port : int
+            `AUTOPILOT`, or one that was opened.
+        frames : sequence of Frame
+            As they came, those of refused senders left out.
         """
         if self._log is not None:
-            self._log.write(RecordKind.RECEIVED_AUTOPILOT, t_mono_s, data)
-        frames: list[bytes] = []
-        for event in self.adapter.receive(t_mono_s, data):
-            self._step(event, frames)
-        return self._sent(t_mono_s, frames)
+            self._log.received(port, t_mono_s, b"".join([frame.raw for frame in frames]))
+        out: list[Delivery] = []
+        autopilot_side = port == AUTOPILOT
+        for frame in frames:
+            if self._is_own(frame):
+                self.drops[Drop.ECHO] += 1
+                continue
+            if autopilot_side:
+                if frame.signed and not self._signing:
+                    self._demand_signing(t_mono_s, out)
+            elif self._is_autopilot(frame):
+                self.drops[Drop.IMPERSONATION] += 1
+                continue
+            elif frame.msg_id in SETPOINT_IDS and self._is_met(t_mono_s, port, frame, out):
+                continue
+            if frame.msg_id in _SERVED_IDS:
+                self._serve(t_mono_s, port, frame, out)
+            if self._is_for_swingd(frame):
+                continue
+            if frame.msg_id == mavlink.MAVLINK_MSG_ID_SETUP_SIGNING:
+                self.drops[Drop.SIGNING_KEY] += 1
+                continue
+            raw = frame.raw
+            out += [(to, raw) for to in self.router.route(port, frame)]
+        if autopilot_side:
+            self._listen(t_mono_s, frames, out)
+        return self._sent(t_mono_s, out)
 
-    def tick(self, t_mono_s: float) -> list[bytes]:
-        """Let time pass; to be called at a steady rate of some 20 Hz."""
+    def tick(self, t_mono_s: float) -> list[Delivery]:
+        """Let time pass; to be called every `TICK_S`."""
         if self._log is not None:
             self._log.tick(t_mono_s)
-        return self._take(Tick(t_mono_s))
+        out: list[Delivery] = []
+        if self._pipeline is None and t_mono_s - self._heartbeat_s >= _HEARTBEAT_S:
+            self._heartbeat_s = t_mono_s
+            self._act(t_mono_s, Heartbeat(Health.INIT), out)
+        self._step(Tick(t_mono_s), out)
+        for text in self._texts.tick(t_mono_s):
+            self._say(self.adapter.messages(text), self.router.ports, out)
+        self._say(self._parameter_server.tick(), self.router.ports, out)
+        return self._sent(t_mono_s, out)
 
-    def switch_correction(self, t_mono_s: float, enabled: bool) -> list[bytes]:
+    def tell(self, t_mono_s: float, message: Any) -> list[Delivery]:
+        """Send a message of the host's, such as the state of its computer, to everybody; pymavlink's object."""
+        if self._log is not None:
+            link = self._parameters.link
+            self._log.message(t_mono_s, Encoder(self._system_id, link.component_id).encode(message))
+        out: list[Delivery] = []
+        self._say((message,), self.router.ports, out)
+        return self._sent(t_mono_s, out)
+
+    def open_port(self, t_mono_s: float, port: int) -> None:
+        """A peer behind an endpoint is there."""
+        if self._log is not None:
+            self._log.port(t_mono_s, port, present=True)
+        self.router.open(port)
+
+    def close_port(self, t_mono_s: float, port: int) -> None:
+        """A peer behind an endpoint is gone."""
+        if self._log is not None:
+            self._log.port(t_mono_s, port, present=False)
+        self.router.close(port)
+        self._encoders.pop(port, None)
+
+    def join(self, t_mono_s: float) -> None:
+        """Begin to estimate; takes seconds where the filter has not been loaded before, in a thread for example."""
+        from swingd.pipeline import Pipeline
+
+        if self._log is not None:
+            self._log.join(t_mono_s)
+        self._pipeline = Pipeline(self._parameters)
+
+    def switch_correction(self, t_mono_s: float, enabled: bool) -> list[Delivery]:
         """Enable or disable the correction."""
         if self._log is not None:
             self._log.correction(t_mono_s, enabled)
-        return self._take(CorrectionSwitch(t_mono_s, enabled))
+        out: list[Delivery] = []
+        self._switch(t_mono_s, enabled, out)
+        return self._sent(t_mono_s, out)
 
-    def change_parameters(self, t_mono_s: float, parameters: Parameters, text: str) -> list[bytes]:
-        """Begin anew with other parameters on the same link; ``text`` is what a log keeps of them."""
+    def change_parameters(self, t_mono_s: float, parameters: Parameters, text: str) -> list[Delivery]:
+        """Go on with other parameters on the same links; ``text`` is what a log keeps of them."""
         if self._log is not None:
             self._log.parameters(t_mono_s, text)
+        out: list[Delivery] = []
+        self._parameter_server.configure(parameters)
+        self._change(t_mono_s, parameters, out)
+        return self._sent(t_mono_s, out)
+
+    # ---- the autopilot
+
+    def _listen(self, t_mono_s: float, frames: Sequence[Frame], out: list[Delivery]) -> None:
+        """Take what the autopilot itself says."""
+        for event in self.adapter.take(t_mono_s, frames):
+            self._step(event, out)
+        for frame in frames:
+            if frame.msg_id == mavlink.MAVLINK_MSG_ID_RC_CHANNELS and self._is_autopilot(frame):
+                enabled = self._rc_switch.handle(frame)
+                if enabled is not None:
+                    self._switch(t_mono_s, enabled, out)
+
+    # ---- ground stations
+
+    def _serve(self, t_mono_s: float, port: int, frame: Frame, out: list[Delivery]) -> None:
+        """Answer what is asked of swingd itself."""
+        self._parameter_server.system_id = self._command_server.system_id = self._system_id
+        answer = self._command_server.handle(t_mono_s, frame)
+        if answer.switch is not None:
+            self._switch(t_mono_s, answer.switch, out)
+        self._say(answer.messages, (port,), out)
+        reply = self._parameter_server.handle(t_mono_s, frame)
+        self._say(reply.messages, self.router.ports, out)
+        if reply.changed is not None and reply.parameter is not None:
+            self._change(t_mono_s, reply.changed, out)
+            if self._on_set is not None:
+                self._on_set(reply.changed, reply.parameter)
+        if reply.notice is not None:
+            self._act(t_mono_s, StatusText(Severity.NOTICE, reply.notice), out)
+        for refusal in (answer.refusal, reply.refusal):
+            if refusal is not None:
+                self._act(t_mono_s, StatusText(Severity.WARNING, refusal), out)
+
+    def _switch(self, t_mono_s: float, enabled: bool, out: list[Delivery]) -> None:
+        """Enable or disable the correction; the ground station sees it in its parameter."""
+        self._parameters = replace(self._parameters, control=replace(self._parameters.control, enabled=enabled))
+        self._parameter_server.configure(self._parameters)
+        self._step(CorrectionSwitch(t_mono_s, enabled), out)
+
+    def _change(self, t_mono_s: float, parameters: Parameters, out: list[Delivery]) -> None:
+        self._parameters = parameters
         self.adapter.configure_motors(parameters.thrust)
-        return self._take(ParametersChange(t_mono_s, parameters))
+        self._step(ParametersChange(t_mono_s, parameters), out)
 
-    def _take(self, event: Event) -> list[bytes]:
-        frames: list[bytes] = []
-        self._step(event, frames)
-        return self._sent(event.t_mono_s, frames)
+    # ---- events and actions
 
-    def _sent(self, t_mono_s: float, frames: list[bytes]) -> list[bytes]:
+    def _step(self, event: Event, out: list[Delivery]) -> None:
+        if self._pipeline is None:
+            return
+        for action in self._pipeline.step(event):
+            self._act(event.t_mono_s, action, out)
+
+    def _act(self, t_mono_s: float, action: Action, out: list[Delivery]) -> None:
+        if self._on_action is not None:
+            self._on_action(t_mono_s, action)
+        if isinstance(action, SwingReport) and not self._report_is_due(action):
+            return
+        if isinstance(action, Setpoint) and self._signing_demanded:
+            return
+        ports = self.router.ports if isinstance(action, _TO_EVERYBODY) else (AUTOPILOT,)
+        for said in self._texts.offer(t_mono_s, action) if isinstance(action, StatusText) else (action,):
+            self._say(self.adapter.messages(said), ports, out)
+
+    def _say(self, messages: Iterable[Any], ports: Sequence[int], out: list[Delivery]) -> None:
+        for message in messages:
+            out += [(port, self._encoder(port).encode(message)) for port in ports]
+
+    def _is_met(self, t_mono_s: float, port: int, frame: Frame, out: list[Delivery]) -> bool:
+        """Whether a setpoint of an application is consumed; if not it passes as it came."""
+        if frame.target_component == self._parameters.link.component_id:
+            # A reference of mode hold.
+            for event in self.adapter.take(t_mono_s, (frame,)):
+                self._step(event, out)
+            return True
+        if (
+            self._pipeline is None
+            or self._parameters.mode is not Mode.INLINE
+            or self._signing_demanded
+            or not self._is_for_autopilot(frame)
+        ):
+            return False
+        source = port << 16 | frame.system_id << 8 | frame.component_id
+        asked = self.adapter.app_setpoint(t_mono_s, frame, source, self._shaper(port))
+        if asked is None:
+            return False
+        passes = not isinstance(asked, AppSetpoint)
+        for action in self._pipeline.step(asked):
+            if isinstance(action, PassSetpoint):
+                passes = True
+            else:
+                self._act(t_mono_s, action, out)
+        return not passes
+
+    def _shaper(self, port: int) -> ShaperName:
+        endpoints = self._parameters.endpoints
+        number = endpoint_of(port)
+        return endpoints[number].shaper if number < len(endpoints) else ShaperName.NONE
+
+    def _demand_signing(self, t_mono_s: float, out: list[Delivery]) -> None:
+        """The autopilot signs, so it refuses what is not signed: every setpoint of swingd's would be lost."""
+        if self._signing_demanded:
+            return
+        self._signing_demanded = True
+        text = "the autopilot demands signing and link.key_file is none: setpoints pass uncorrected"
+        self._act(t_mono_s, StatusText(Severity.WARNING, text), out)
+
+    # ---- who is who
+
+    @property
+    def _system_id(self) -> int:
+        autopilot = self.adapter.autopilot
+        return autopilot.system_id if autopilot is not None else self._parameters.link.system_id or 1
+
+    def _is_own(self, frame: Frame) -> bool:
+        return frame.component_id == self._parameters.link.component_id and frame.system_id == self._system_id
+
+    def _is_autopilot(self, frame: Frame) -> bool:
+        autopilot = self.adapter.autopilot
+        return (
+            autopilot is not None
+            and frame.system_id == autopilot.system_id
+            and frame.component_id == autopilot.component_id
+        )
+
+    def _is_for_autopilot(self, frame: Frame) -> bool:
+        return frame.target_system in (0, self._system_id) and frame.target_component in (
+            0,
+            mavlink.MAV_COMP_ID_AUTOPILOT1,
+        )
+
+    def _is_for_swingd(self, frame: Frame) -> bool:
+        """Whether a frame concerns nobody else; the clock's answers do not tell for whom they are."""
+        if frame.msg_id == mavlink.MAVLINK_MSG_ID_TIMESYNC:
+            return self.adapter.awaits_clock(frame)
+        return frame.target_component == self._parameters.link.component_id and frame.target_system == self._system_id
+
+    def _encoder(self, port: int) -> Encoder:
+        encoder = self._encoders.get(port)
+        if encoder is None:
+            encoder = self._encoders[port] = Encoder(self._system_id, self._parameters.link.component_id)
+        encoder.system_id = self._system_id
+        return encoder
+
+    def _sent(self, t_mono_s: float, out: list[Delivery]) -> list[Delivery]:
         if self._log is not None:
-            for frame in frames:
-                self._log.write(RecordKind.SENT_AUTOPILOT, t_mono_s, frame)
-        return frames
+            for port, raw in out:
+                if self.is_recorded(port, raw):
+                    self._log.sent(port, t_mono_s, raw)
+        return out
 
-    def _step(self, event: Event, frames: list[bytes]) -> None:
-        for action in self.pipeline.step(event):
-            if self._on_action is not None:
-                self._on_action(event.t_mono_s, action)
-            if isinstance(action, SwingReport) and not self._report_is_due(action):
-                continue
-            encoded = self.adapter.encode(action)
-            if encoded is not None:
-                frames.append(encoded)
+    def is_recorded(self, port: int, raw: bytes) -> bool:
+        """Whether a log keeps a frame that leaves: what passes to the endpoints follows from what was received."""
+        return port == AUTOPILOT or raw[_COMPONENT_AT] == self._parameters.link.component_id
 
     def _report_is_due(self, report: SwingReport) -> bool:
-        """Thin the reports out to the rate that the link is to carry."""
-        parameters = self.pipeline.parameters
-        rate_hz = parameters.link.report_rate_hz
+        """Thin the reports out to the rate that the links are to carry."""
+        rate_hz = self._parameters.link.report_rate_hz
         if rate_hz <= 0.0:
             return False
-        early_s = _LATE_SHARE / parameters.estimator.rate_hz
+        early_s = _LATE_SHARE / self._parameters.estimator.rate_hz
         period_s = 1.0 / rate_hz
         if abs(report.t_boot_s - self._report_due_s) > 2.0 * period_s:
             self._report_due_s = report.t_boot_s

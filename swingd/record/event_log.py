@@ -3,7 +3,7 @@
 Layout, little endian::
 
     magic       8 bytes   b"SWINGDEV"
-    version     u16       1
+    version     u16       2
     length      u32       of the header's text
     header      UTF-8     JSON object: "swingd" (version), "configuration" (text, resolved)
     crc32       u32       of all before
@@ -31,10 +31,11 @@ from zlib import crc32
 from swingd.model.errors import LogFormatError, SwingdError
 
 MAGIC = b"SWINGDEV"
-VERSION = 1
+VERSION = 2
 _PREFIX = struct.Struct("<8sHI")
 _RECORD = struct.Struct("<BdI")
 _CRC = struct.Struct("<I")
+_PORT = struct.Struct("<I")
 _BLOCK_BYTES = 1 << 16
 _PENDING_MAX_BYTES = 1 << 23
 _PAYLOAD_MAX_BYTES = 1 << 24
@@ -44,19 +45,27 @@ class RecordKind(IntEnum):
     """What a record holds."""
 
     RECEIVED_AUTOPILOT = 1
-    """Bytes from the side of the autopilot, as one call delivered them."""
+    """Frames from the side of the autopilot, as one call delivered them."""
     RECEIVED_APPLICATION = 2
-    """Bytes from the side of the application."""
+    """Frames from a peer behind an endpoint: u32 port, frames."""
     TICK = 3
     """The host's clock; no payload."""
     PARAMETERS = 4
     """New parameters, whole, as text."""
     CORRECTION = 5
     """The correction is switched; one byte, 1 or 0."""
+    JOIN = 6
+    """The pipeline joins; no payload."""
+    PORT_OPENED = 7
+    """A peer behind an endpoint is there: u32 port."""
+    PORT_CLOSED = 8
+    """A peer behind an endpoint is gone: u32 port."""
+    MESSAGE = 9
+    """The host tells something: one frame, whose sequence number means nothing."""
     SENT_AUTOPILOT = 17
-    """Bytes sent to the autopilot: output, not to be fed again."""
+    """One frame sent to the autopilot: output, not to be fed again."""
     SENT_APPLICATION = 18
-    """Bytes sent to the application: output, not to be fed again."""
+    """One frame of swingd's own sent to a peer behind an endpoint: u32 port, frame; output, not to be fed again."""
 
     @property
     def is_output(self) -> bool:
@@ -71,6 +80,17 @@ class Record:
     kind: RecordKind
     t_mono_s: float
     payload: bytes
+
+    @property
+    def port(self) -> int:
+        """Port of a record of an endpoint, 0 where the payload is too short for one."""
+        return _PORT.unpack_from(self.payload)[0] if len(self.payload) >= _PORT.size else 0
+
+    @property
+    def frames(self) -> bytes:
+        """The frames of a record that has some."""
+        endpoint = self.kind in (RecordKind.RECEIVED_APPLICATION, RecordKind.SENT_APPLICATION)
+        return self.payload[_PORT.size :] if endpoint else self.payload
 
     @property
     def text(self) -> str:
@@ -154,6 +174,32 @@ class EventLogWriter:
     def tick(self, t_mono_s: float) -> None:
         """Append a tick of the host's clock."""
         self.write(RecordKind.TICK, t_mono_s)
+
+    def received(self, port: int, t_mono_s: float, frames: bytes) -> None:
+        """Append frames that came through a port, 0 being the autopilot's."""
+        if port == 0:
+            self.write(RecordKind.RECEIVED_AUTOPILOT, t_mono_s, frames)
+        else:
+            self.write(RecordKind.RECEIVED_APPLICATION, t_mono_s, _PORT.pack(port) + frames)
+
+    def sent(self, port: int, t_mono_s: float, frame: bytes) -> None:
+        """Append a frame that leaves through a port, 0 being the autopilot's."""
+        if port == 0:
+            self.write(RecordKind.SENT_AUTOPILOT, t_mono_s, frame)
+        else:
+            self.write(RecordKind.SENT_APPLICATION, t_mono_s, _PORT.pack(port) + frame)
+
+    def join(self, t_mono_s: float) -> None:
+        """Append that the pipeline joins."""
+        self.write(RecordKind.JOIN, t_mono_s)
+
+    def port(self, t_mono_s: float, port: int, present: bool) -> None:
+        """Append that a peer came or went."""
+        self.write(RecordKind.PORT_OPENED if present else RecordKind.PORT_CLOSED, t_mono_s, _PORT.pack(port))
+
+    def message(self, t_mono_s: float, frame: bytes) -> None:
+        """Append what the host tells."""
+        self.write(RecordKind.MESSAGE, t_mono_s, frame)
 
     def parameters(self, t_mono_s: float, text: str) -> None:
         """Append a change of the parameters, as text."""

@@ -1,11 +1,14 @@
 """Logs of any kind through the pipeline."""
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from swingd.engine import Engine
+from swingd.engine import TICK_S, Delivery, Engine
 from swingd.link.adapter import AutopilotAdapter, Drop
+from swingd.link.codec import Framer
+from swingd.link.router import AUTOPILOT
 from swingd.model.actions import Action, StatusText, SwingReport
 from swingd.model.errors import LogFormatError
 from swingd.model.estimate import ResetReason
@@ -18,7 +21,6 @@ from swingd.record.tlog import TlogReader
 from swingd.record.truth import SwingTruth
 from swingd.record.ulog import read_ulog
 
-TICK_S = 0.05
 _ULOG_MAGIC = b"ULog\x01\x12\x35"
 _PROGRESS_EVERY = 500
 
@@ -161,33 +163,47 @@ def _replay_recording(
     reader = EventLogReader(path)
     result = Replay()
     engine = Engine(parameters or decode_parameters(reader.configuration), result.see)
+    framer = Framer()
     records = list(reader)
     result.unread_bytes = reader.tail_bytes
-    answers: list[bytes] = []
+    answers: deque[Delivery] = deque()
+
+    def note(deliveries: list[Delivery]) -> None:
+        answers.extend(delivery for delivery in deliveries if engine.is_recorded(*delivery))
+
     for count, record in enumerate(records):
         t_s = record.t_mono_s
         match record.kind:
-            case RecordKind.RECEIVED_AUTOPILOT:
-                answers += engine.receive(t_s, record.payload)
+            case RecordKind.RECEIVED_AUTOPILOT | RecordKind.RECEIVED_APPLICATION:
+                port = AUTOPILOT if record.kind is RecordKind.RECEIVED_AUTOPILOT else record.port
+                note(engine.receive(t_s, port, framer.receive(record.frames)))
+            case RecordKind.JOIN:
+                engine.join(t_s)
+            case RecordKind.PORT_OPENED:
+                engine.open_port(t_s, record.port)
+            case RecordKind.PORT_CLOSED:
+                engine.close_port(t_s, record.port)
+            case RecordKind.MESSAGE:
+                for frame in framer.receive(record.frames):
+                    note(engine.tell(t_s, frame.message))
             case RecordKind.TICK:
-                answers += engine.tick(t_s)
+                note(engine.tick(t_s))
             case RecordKind.CORRECTION:
-                answers += engine.switch_correction(t_s, record.enabled)
+                note(engine.switch_correction(t_s, record.enabled))
             case RecordKind.PARAMETERS:
                 if parameters is None:
-                    answers += engine.change_parameters(t_s, decode_parameters(record.text), record.text)
-            case RecordKind.SENT_AUTOPILOT:
+                    note(engine.change_parameters(t_s, decode_parameters(record.text), record.text))
+            case RecordKind.SENT_AUTOPILOT | RecordKind.SENT_APPLICATION:
                 result.frames_sent += 1
-                answer = answers.pop(0) if answers else b""
-                if answer != record.payload:
+                port = AUTOPILOT if record.kind is RecordKind.SENT_AUTOPILOT else record.port
+                answer_port, answer = answers.popleft() if answers else (port, b"")
+                if (answer_port, answer) != (port, record.frames):
                     result.frames_differing += 1
                     if result.first_difference is None:
                         result.first_difference = (
-                            f"frame {result.frames_sent} at {t_s:.3f} s: sent {record.payload.hex()}, "
+                            f"frame {result.frames_sent} at {t_s:.3f} s: sent {record.frames.hex()}, "
                             f"replayed {answer.hex() or 'nothing'}"
                         )
-            case _:
-                raise LogFormatError(f"{path}: record of kind {record.kind.name}; this engine has no such side")
         if count % _PROGRESS_EVERY == 0:
             progress(count / len(records))
     result.frames_differing += len(answers)
@@ -195,12 +211,13 @@ def _replay_recording(
         result.frames_sent = result.frames_differing = 0
         result.first_difference = None
     # The samples for the baseline: the same bytes through an adapter of their own.
-    adapter = AutopilotAdapter(engine.pipeline.parameters.link, engine.pipeline.parameters.thrust)
+    adapter = AutopilotAdapter(engine.parameters.link, engine.parameters.thrust)
     for record in records:
         if record.kind is RecordKind.RECEIVED_AUTOPILOT:
             for event in adapter.receive(record.t_mono_s, record.payload):
                 result.keep(event)
     result.drops = dict(engine.adapter.drops)
-    result.resets = {reason: count for reason, count in engine.pipeline.resets.items() if count}
+    if engine.has_joined:
+        result.resets = {reason: count for reason, count in engine.pipeline.resets.items() if count}
     progress(1.0)
     return result

@@ -1,11 +1,10 @@
-"""What the daemon measures of itself."""
+"""What the daemon measures of itself; without numpy, because it counts from the first frame on."""
 
 import os
 import time
+from array import array
 from collections import deque
 from dataclasses import dataclass
-
-import numpy as np
 
 from swingd.model.actions import SwingReport
 
@@ -24,6 +23,8 @@ class Summary:
     filter_steps: int
     filter_hz: float
     """Filter steps over the autopilot's time, the last 4096 of them."""
+    forwarded: int
+    """Frames passed on, once for each port that they left through."""
     setpoints: int
     latency_ms_p50: float | None
     """From the arrival of the bytes that hold an IMU frame to the setpoint's handing to the socket."""
@@ -37,9 +38,10 @@ class Meter:
     """Counts and times; costs a microsecond a call."""
 
     def __init__(self) -> None:
-        self._latencies_s = np.zeros(LATENCIES_KEPT)
+        self._latencies_s = array("d")
         self._setpoints = 0
         self._steps = 0
+        self.forwarded = 0
         self._stamps_s: deque[float] = deque(maxlen=STAMPS_KEPT)
         self._begun_s: float | None = None
         self._cpu_begun_s = 0.0
@@ -56,7 +58,10 @@ class Meter:
 
     def setpoint(self, latency_s: float) -> None:
         """Note a setpoint and the time since the bytes that caused it were received."""
-        self._latencies_s[self._setpoints % LATENCIES_KEPT] = latency_s
+        if len(self._latencies_s) < LATENCIES_KEPT:
+            self._latencies_s.append(latency_s)
+        else:
+            self._latencies_s[self._setpoints % LATENCIES_KEPT] = latency_s
         self._setpoints += 1
 
     def summary(self) -> Summary:
@@ -64,18 +69,28 @@ class Meter:
         duration_s = time.monotonic() - self._begun_s if self._begun_s is not None else 0.0
         stamps_s = self._stamps_s
         span_s = stamps_s[-1] - stamps_s[0] if stamps_s else 0.0
-        latencies_ms = 1e3 * self._latencies_s[: min(self._setpoints, LATENCIES_KEPT)]
-        any_latency = latencies_ms.size > 0
+        latencies_ms = sorted(1e3 * latency_s for latency_s in self._latencies_s)
         return Summary(
             duration_s=duration_s,
             filter_steps=self._steps,
             filter_hz=(len(stamps_s) - 1) / span_s if span_s > 0.0 else 0.0,
+            forwarded=self.forwarded,
             setpoints=self._setpoints,
-            latency_ms_p50=float(np.percentile(latencies_ms, 50)) if any_latency else None,
-            latency_ms_p99=float(np.percentile(latencies_ms, 99)) if any_latency else None,
-            latency_ms_max=float(latencies_ms.max()) if any_latency else None,
+            latency_ms_p50=_quantile(latencies_ms, 0.5),
+            latency_ms_p99=_quantile(latencies_ms, 0.99),
+            latency_ms_max=_quantile(latencies_ms, 1.0),
             cpu_percent=100.0 * (_cpu_s() - self._cpu_begun_s) / duration_s if duration_s > 0.0 else 0.0,
         )
+
+
+def _quantile(ordered: list[float], share: float) -> float | None:
+    """Interpolate linearly between the two nearest of ordered values."""
+    if not ordered:
+        return None
+    place = share * (len(ordered) - 1)
+    low = int(place)
+    high = min(low + 1, len(ordered) - 1)
+    return ordered[low] + (place - low) * (ordered[high] - ordered[low])
 
 
 def _cpu_s() -> float:

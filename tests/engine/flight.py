@@ -13,16 +13,16 @@ import numpy.typing as npt
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.engine import Engine
-from swingd.link.codec import Codec
+from swingd.link.codec import Codec, Frame, Framer
 from swingd.model.actions import Action, Health, Setpoint, StatusText, SwingReport
 from swingd.model.parameters import Mode, Parameters
 from swingd.record.event_log import EventLogWriter
 from swingd.sim.autopilot import NavState
-from swingd.sim.lockstep import Lockstep
+from swingd.sim.lockstep import EngineCompanion, Lockstep
 from swingd.sim.peer import SimulatedAutopilot
 from swingd.sim.plant import Truth
 
-TICK_S = 0.05
+OWN_COMPONENT_ID = 191
 REFERENCE_S = 0.1
 SAID = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT,
@@ -32,8 +32,12 @@ SAID = {
     mavlink.MAVLINK_MSG_ID_STATUSTEXT,
 }
 """What swingd says in mode hold; of commands only SET_MESSAGE_INTERVAL."""
-QUESTIONS = {mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ, mavlink.MAVLINK_MSG_ID_TIMESYNC}
-"""What it may ask besides: nothing that changes the autopilot's state, and no answer to a TIMESYNC."""
+QUESTIONS = {
+    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
+    mavlink.MAVLINK_MSG_ID_PARAM_VALUE,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC,
+}
+"""What it may ask besides, and say of its own parameters: nothing that changes the autopilot's state."""
 
 # Lets a flight be copied: pymavlink's packer keeps compiled formats.
 copyreg.pickle(struct.Struct, lambda compiled: (struct.Struct, (compiled.format,)))  # type: ignore[arg-type]
@@ -47,6 +51,11 @@ def hold(parameters: Parameters | None = None, **simulation: Any) -> Parameters:
     parameters = parameters or Parameters()
     simulation = {"takeoff_altitude_m": 6.0, **simulation}
     return replace(parameters, mode=Mode.HOLD, simulation=replace(parameters.simulation, **simulation))
+
+
+def inline(parameters: Parameters | None = None, **simulation: Any) -> Parameters:
+    """Mode inline, otherwise as `hold`."""
+    return replace(hold(parameters, **simulation), mode=Mode.INLINE)
 
 
 class Flight:
@@ -69,9 +78,13 @@ class Flight:
         *,
         px4: dict[str, float] | None = None,
         log: EventLogWriter | None = None,
+        joined: bool = True,
     ) -> None:
         self.peer = SimulatedAutopilot(truth, px4)
         self.engine = Engine(parameters or truth, self._see, log)
+        if joined:
+            self.engine.join(0.0)
+        self.companion = EngineCompanion(self.engine)
         self.lockstep = Lockstep(self.peer, self._companion, self._on_step)
         self.spoil: Spoil | None = None
         """Gets the time and the autopilot's frames of one step; returns what arrives."""
@@ -80,10 +93,10 @@ class Flight:
         self._yaw: tuple[float, float, float] | None = None
         self.tlog: list[tuple[float, bytes]] | None = None
         self.frames_sent = 0
+        self.applications: list[Application] = []
         self._codec = Codec(255, 190)
         self._splitter = Codec(1, 1)
         self._checker = Codec(1, 1)
-        self._tick_s = 0.0
         self._reference_s = 0.0
         self.forget()
 
@@ -102,6 +115,11 @@ class Flight:
         fork = copy.deepcopy(self)
         self.truths, self.reports, self.setpoints, self.texts, self.sent_ids = kept
         return fork
+
+    @staticmethod
+    def splitter() -> Framer:
+        """Frames of a whole piece of the stream."""
+        return Framer()
 
     @property
     def t_s(self) -> float:
@@ -131,8 +149,16 @@ class Flight:
     def run_until_healthy(self, at_most_s: float) -> "Flight":
         return self.run_while(lambda: self.health not in (Health.READY, Health.ACTIVE), at_most_s)
 
+    def connect(self, *, direct: bool = False) -> "Application":
+        """Let an application come: behind swingd's first endpoint, or ``direct`` at the autopilot."""
+        application = Application(self, None if direct else self.companion.connect(self.t_s, 0, len(self.applications)))
+        self.applications.append(application)
+        return application
+
     def _on_step(self, t_s: float) -> None:
         self.truths.append(self.peer.truth())
+        for application in self.applications:
+            application.step(t_s)
         if self.reference is not None and t_s >= self._reference_s:
             self._reference_s = t_s + REFERENCE_S
             mask = 0b0000_1101_1100_0111
@@ -152,17 +178,15 @@ class Flight:
             data = b"".join(self.spoil(t_s, [frame.raw for frame in self._splitter.receive(data)]))
         if self.tlog is not None:
             self.tlog += [(t_s, frame.raw) for frame in self._splitter.receive(data)]
-        sent = self.engine.receive(t_s, data)
-        if t_s >= self._tick_s:
-            self._tick_s += TICK_S
-            sent += self.engine.tick(t_s)
-        self.frames_sent += len(sent)
-        for raw in sent:
-            self._check(raw)
-        return b"".join(sent)
+        answer = self.companion(t_s, data)
+        self._check(answer)
+        return answer
 
-    def _check(self, raw: bytes) -> None:
-        for frame in self._checker.receive(raw):
+    def _check(self, answer: bytes) -> None:
+        for frame in self._checker.receive(answer):
+            self.frames_sent += 1
+            if frame.component_id != OWN_COMPONENT_ID:
+                continue
             assert frame.msg_id in SAID | QUESTIONS, frame.message
             self.sent_ids.add(frame.msg_id)
             if frame.msg_id == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
@@ -237,6 +261,66 @@ class Flight:
     def correction_mps2(self) -> FloatArray:
         """(2, n) acceleration correction of each report."""
         return np.array([report.correction_acc_ned_mps2[:2] for report in self.reports]).T
+
+
+class Application:
+    """An offboard application that repeats one setpoint at its own rate, over MAVLink alone.
+
+    Parameters
+    ----------
+    flight : Flight
+        Where it belongs.
+    port : int or None
+        Where it came to swingd; None where it talks to the autopilot itself.
+    """
+
+    def __init__(self, flight: Flight, port: int | None) -> None:
+        self._flight = flight
+        self._codec = Codec(245, 190)
+        self._port = port
+        self._due_s = 0.0
+        self.period_s = 0.05
+        self.setpoint: Any = None
+        """The message that is repeated; None for silence."""
+
+    def step(self, t_s: float) -> None:
+        if self.setpoint is not None and t_s >= self._due_s - 1e-9:
+            self._due_s = max(self._due_s, t_s - self.period_s) + self.period_s
+            self.send(self.setpoint)
+
+    def send(self, message: Any) -> None:
+        """Send one message now."""
+        data = self._codec.encode(message)
+        if self._port is None:
+            self._flight.peer.receive(data)
+        else:
+            self._flight.companion.application_sends(self._flight.t_s, self._port, data)
+
+    def heard(self) -> list[Frame]:
+        """Return what has come through the endpoint since the last call."""
+        assert self._port is not None
+        waiting = self._flight.companion.to_applications[self._port]
+        frames = Framer().receive(b"".join(waiting))
+        waiting.clear()
+        return frames
+
+
+def local_setpoint(
+    *,
+    pos: tuple[float | None, ...] = (None, None, None),
+    vel: tuple[float | None, ...] = (None, None, None),
+    acc: tuple[float | None, ...] = (None, None, None),
+    yaw_rad: float | None = None,
+    frame: int = mavlink.MAV_FRAME_LOCAL_NED,
+) -> Any:
+    """SET_POSITION_TARGET_LOCAL_NED to the autopilot; None is ignored."""
+    values = [*pos, *vel, *acc]
+    mask = sum(1 << bit for bit, value in enumerate(values) if value is None)
+    mask |= mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+    mask |= mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE if yaw_rad is None else 0
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, frame, mask, *(value or 0.0 for value in values), yaw_rad or 0.0, 0.0
+    )
 
 
 def swing_energy(truth: Truth, length_m: float) -> float:

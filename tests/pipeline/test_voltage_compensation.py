@@ -7,7 +7,7 @@ from swingd.model.events import Battery, Motors, Throttle, VoltageCompensation
 from swingd.model.parameters import Parameters, ThrustSource
 from swingd.pipeline import Pipeline
 from swingd.pipeline.thrust import ThrustModel
-from swingd.sim.lockstep import Lockstep
+from swingd.sim.lockstep import EngineCompanion, Lockstep
 from swingd.sim.peer import SimulatedAutopilot
 
 LEVEL = (0.0, 0.0, 0.0)
@@ -46,14 +46,7 @@ def test_the_autopilot_is_asked_once_it_is_heard(active: float, monkeypatch: pyt
     monkeypatch.setattr(Pipeline, "step", spy)
     parameters = Parameters()
     engine = Engine(parameters)
-    tick_s = [0.0]
-
-    def companion(t_s: float, data: bytes) -> bytes:
-        frames = engine.receive(t_s, data)
-        if t_s >= tick_s[0]:
-            tick_s[0] += 0.05
-            frames += engine.tick(t_s)
-        return b"".join(frames)
-
+    engine.join(0.0)
+    companion = EngineCompanion(engine)
     Lockstep(SimulatedAutopilot(parameters, {"MC_BAT_SCALE_EN": active}), companion).run_until(6.0)
     assert seen == [active != 0.0]

@@ -100,9 +100,9 @@ def test_a_damaged_byte_never_gives_a_wrong_record(tmp_path_factory, at, flip):
     [
         (b"", "expected an event log of swingd"),
         (b"t_boot_s,xi_rad", "begins with b't_boot_s'; expected an event log of swingd"),
-        (struct.pack("<8sHI", b"SWINGDEV", 9, 0), "event log of version 9; expected 1"),
-        (struct.pack("<8sHI", b"SWINGDEV", 1, 50) + b"{}", "the header is damaged"),
-        (struct.pack("<8sHI", b"SWINGDEV", 1, 2) + b"{}" + struct.pack("<I", 0), "the header is damaged"),
+        (struct.pack("<8sHI", b"SWINGDEV", 9, 0), "event log of version 9; expected 2"),
+        (struct.pack("<8sHI", b"SWINGDEV", 2, 50) + b"{}", "the header is damaged"),
+        (struct.pack("<8sHI", b"SWINGDEV", 2, 2) + b"{}" + struct.pack("<I", 0), "the header is damaged"),
     ],
 )
 def test_other_files_are_refused(tmp_path, data, expected):
@@ -183,11 +183,11 @@ def test_the_log_on_disk_is_current_after_a_flush(tmp_path):
 def test_the_layout_is_what_its_description_says(tmp_path):
     data = written(tmp_path / "x", [Record(RecordKind.CORRECTION, 2.5, b"\x01")]).read_bytes()
     magic, version, length = struct.unpack_from("<8sHI", data)
-    assert (magic, version) == (b"SWINGDEV", 1)
+    assert (magic, version) == (b"SWINGDEV", 2)
     header = data[14 : 14 + length]
     assert json.loads(header) == {"swingd": "1.2.3", "configuration": CONFIGURATION}
     at = 14 + length
     assert struct.unpack_from("<I", data, at)[0] == crc32(data[:at])
     record = struct.pack("<BdI", 5, 2.5, 1) + b"\x01"
     assert data[at + 4 :] == record + struct.pack("<I", crc32(record))
-    assert event_log.VERSION == 1
+    assert event_log.VERSION == 2

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import structlog
 import uvloop
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -18,7 +17,7 @@ from swingd.link.codec import Codec
 from swingd.model.actions import Health
 from swingd.model.errors import LinkOpenError, LinkUrlError
 from swingd.model.parameters import Mode, Parameters
-from swingd.record.event_log import EventLogReader
+from swingd.record.event_log import EventLogReader, RecordKind
 from swingd.replay import replay
 from swingd.service.daemon import Daemon
 from swingd.service.meter import Summary
@@ -29,13 +28,6 @@ from swingd.sim.run import run_simulation
 pytestmark = pytest.mark.live
 
 LOOPS = {"asyncio": asyncio.new_event_loop, "uvloop": uvloop.new_event_loop}
-
-
-@pytest.fixture(autouse=True)
-def _quiet_logs() -> Iterator[None]:
-    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger("critical"))
-    yield
-    structlog.reset_defaults()
 
 
 def free_port() -> int:
@@ -201,7 +193,7 @@ async def test_a_port_in_use_is_an_error_and_leaves_a_whole_recording(tmp_path: 
         record = tmp_path / "none.swingd"
         with pytest.raises(LinkOpenError, match="already in use"):
             await Daemon(replace(base, link=replace(base.link, autopilot=url)), record).run()
-    assert list(EventLogReader(record)) == []
+    assert {entry.kind for entry in EventLogReader(record)} <= {RecordKind.PORT_OPENED}
 
 
 async def test_a_link_that_is_not_understood_is_an_error() -> None:

@@ -18,7 +18,7 @@ from swingd.replay import replay
 pytestmark = pytest.mark.live
 
 Start = Callable[..., "subprocess.Popen[str]"]
-SWINGD = "import sys; from swingd.cli.main import main; sys.argv[0] = 'swingd'; main()"
+SWINGD = "import sys; from swingd.cli.start import main; sys.argv[0] = 'swingd'; main()"
 
 
 @pytest.fixture
