@@ -1,7 +1,7 @@
 """What an autopilot's own parameters mean to a vehicle with a slung load: read, judged, and explained in words."""
 
 from swingd.link.preflight.advice import Advice, AdviceSeverity, advise, parameters_of, voltage_compensated
-from swingd.link.preflight.budget import LinkBudget, link_budget
+from swingd.link.preflight.budget import LinkBudget, carrier, link_budget
 from swingd.link.preflight.reader import ParameterReader
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "LinkBudget",
     "ParameterReader",
     "advise",
+    "carrier",
     "link_budget",
     "parameters_of",
     "voltage_compensated",

@@ -43,15 +43,19 @@ def link_budget(kind: AutopilotKind, rates_hz: Mapping[Stream, float]) -> LinkBu
     rates_hz : mapping
         What is asked for [Hz].
     """
-    requests = StreamRequests()
-    requests.serve(kind)
     total = 0.0
     for stream, rate_hz in rates_hz.items():
-        msg_id = int(requests.request(0.0, 1, 1, stream, rate_hz).param1)
         if kind is AutopilotKind.ARDUPILOT:
             rate_hz = min(rate_hz, ARDUPILOT_RATE_MAX_HZ)
-        total += rate_hz * frame_bytes(msg_id)
+        total += rate_hz * frame_bytes(carrier(kind, stream))
     return LinkBudget(total, OTHER_TRAFFIC * total)
+
+
+def carrier(kind: AutopilotKind, stream: Stream) -> int:
+    """Give the id of the message that is to carry a stream, the one that is asked for first."""
+    requests = StreamRequests()
+    requests.serve(kind)
+    return int(requests.request(0.0, 1, 1, stream, 1.0).param1)
 
 
 def frame_bytes(msg_id: int) -> int:
