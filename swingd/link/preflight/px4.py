@@ -27,6 +27,10 @@ _ETHERNET_BYTES_PER_S = 100_000
 _ONBOARD = 2
 _OFFBOARD_BIT = 4
 _NO_STICKS = 4
+_IMU_RATES_HZ = (100, 200, 250, 400)
+"""What IMU_INTEG_RATE offers."""
+_LEFT_OUT = 1.2
+"""More samples than are asked for by this factor are left out."""
 _RESTART_S = 1.0
 """A restart of swingd in flight may leave the autopilot without setpoints for nearly this long [s]."""
 _LONG_LOSS_S = 2.0
@@ -252,14 +256,16 @@ def _imu_rate(facts: Facts) -> Iterable[Advice]:
             f"PX4 has fewer IMU samples than the filter has steps ({text(filter_hz)} Hz)",
             "IMU_INTEG_RATE = 200, then restart PX4",
         )
-    elif value > 1.2 * asked_hz:
+    elif value > _LEFT_OUT * asked_hz:
+        fits = [rate_hz for rate_hz in _IMU_RATES_HZ if filter_hz <= rate_hz <= _LEFT_OUT * asked_hz]
         yield Advice(
             AdviceSeverity.HINT,
             "IMU_INTEG_RATE",
             text(value, "Hz"),
             f"HIGHRES_IMU carries one sample of {1e3 / value:.2g} ms and is not averaged: of {text(value)} Hz swingd "
             f"asks for {text(asked_hz)}, so vibration in between shows up as swing",
-            f"IMU_INTEG_RATE = 200 or 250, or link.imu_rate_hz to {text(value)} where the link carries it",
+            (f"IMU_INTEG_RATE = {fits[-1]}, or " if fits else "")
+            + f"link.imu_rate_hz = {text(value)} where the link carries it",
         )
 
 
