@@ -85,6 +85,8 @@ class Face(ABC):
     parameter_server: ParameterServer
     streams: Streams
     missions: Missions
+    early_probability: float = 0.0
+    """How often the sending thread runs before the newest sample is out."""
     pass_unsigned: Collection[int] = ()
     """Message ids that need no signature where signing is demanded."""
     strangers: Collection[int] = ()

@@ -14,7 +14,7 @@ _YAW_FOLLOWS_ABOVE = 0.05  # of WPNAV_SPEED
 
 @dataclass(frozen=True, slots=True)
 class GuidedTarget:
-    """What GUIDED was told, local ned; nothing at all means to stop."""
+    """What GUIDED was told, local ned; nothing at all means to stop here and now."""
 
     pos_ned_m: Vec3 | None = None
     vel_ned_mps: Vec3 | None = None
@@ -66,21 +66,14 @@ class Guided:
 
     def start(self, pos_ned_m: Vec3, vel_ned_mps: Vec3, yaw_rad: float) -> None:
         """Begin at a state and stop there."""
-        self.pos_ned_m, self.vel_ned_mps = list(pos_ned_m), list(vel_ned_mps)
         self.acc_ned_mps2 = [0.0, 0.0, 0.0]
-        self._target = GuidedTarget(vel_ned_mps=_ZERO)
-        self._attitude = None
-        self._target_vel = [0.0, 0.0, 0.0]
-        self._yaw_rad = self._yaw_goal_rad = yaw_rad
-        self._yaw_rate_radps = 0.0
-        self._yaw_follows = False
+        self._restart(pos_ned_m, vel_ned_mps, yaw_rad)
 
     def tell(self, target: GuidedTarget, t_s: float, pos_ned_m: Vec3, vel_ned_mps: Vec3, yaw_rad: float) -> None:
         """Take a target at time ``t_s``; another kind than before begins at the vehicle's state."""
         if target.kind != self._target.kind or self._attitude is not None:
-            self.start(pos_ned_m, vel_ned_mps, self._yaw_rad if self._attitude is None else yaw_rad)
+            self._restart(pos_ned_m, vel_ned_mps, self._yaw_rad if self._attitude is None else yaw_rad)
         if target.kind == (False, False, False):
-            self.start(pos_ned_m, vel_ned_mps, self._yaw_rad)
             return
         self._target = target
         self._told_s = t_s
@@ -111,7 +104,7 @@ class Guided:
         acc = target.acc_ned_mps2 or _ZERO
         is_place = target.kind == (True, False, False)
         accelerates = target.kind == (False, False, True)
-        if not is_place and self._is_stale(t_s):
+        if self._is_stale(t_s):
             self._target_vel = [0.0, 0.0, 0.0]
             acc = _ZERO
             self._yaw_rate_radps = 0.0
@@ -142,6 +135,16 @@ class Guided:
         yaw_rate = self._turn(dt_s)
         p, v, a = self.pos_ned_m, self.vel_ned_mps, self.acc_ned_mps2
         return TrajectorySetpoint((p[0], p[1], p[2]), (v[0], v[1], v[2]), (a[0], a[1], a[2]), self._yaw_rad, yaw_rate)
+
+    def _restart(self, pos_ned_m: Vec3, vel_ned_mps: Vec3, yaw_rad: float) -> None:
+        """Begin anew in flight: the acceleration goes on, or a stream of stops would never brake."""
+        self.pos_ned_m, self.vel_ned_mps = list(pos_ned_m), list(vel_ned_mps)
+        self._target = GuidedTarget(vel_ned_mps=_ZERO)
+        self._attitude = None
+        self._target_vel = [0.0, 0.0, 0.0]
+        self._yaw_rad = self._yaw_goal_rad = yaw_rad
+        self._yaw_rate_radps = 0.0
+        self._yaw_follows = False
 
     def _is_stale(self, t_s: float) -> bool:
         return t_s - self._told_s > max(self._parameters["GUID_TIMEOUT"], 0.1)

@@ -27,7 +27,6 @@ GROUND_STATION_SYSTEM_ID = 255
 GROUND_STATION_COMPONENT_ID = 190
 
 _RECEIVE_DELAY_STEPS = 2  # the autopilots read their link in a thread of its own
-_EARLY_PROBABILITY = 0.118  # PX4's sending thread runs before the newest sample is out: 250 Hz asked gives 224 Hz
 _REBOOT_S = 3.0
 _HEARTBEAT_US = 1_000_000
 _LONG_AGO_US = -(10**9)
@@ -225,7 +224,7 @@ class SimulatedAutopilot:
 
     def _is_early(self) -> bool:
         if not self._early:
-            self._early = (self._random.random(1024) < _EARLY_PROBABILITY).tolist()
+            self._early = (self._random.random(1024) < self._face.early_probability).tolist()
         return self._early.pop()
 
     def _send(self, message: Any) -> None:

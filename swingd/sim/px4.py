@@ -101,6 +101,7 @@ class Px4(Face):
         Message ids that this autopilot is not to have.
     """
 
+    early_probability = 0.118  # 250 Hz asked gives 224 Hz
     pass_unsigned = (
         mavlink.MAVLINK_MSG_ID_RADIO_STATUS,
         mavlink.MAVLINK_MSG_ID_ADSB_VEHICLE,

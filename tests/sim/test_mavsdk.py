@@ -3,28 +3,36 @@
 import asyncio
 import contextlib
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
 from dataclasses import replace
 from math import hypot
+from typing import Any
 
 import pytest
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.asyncio.plugins.mission import MissionAsync, MissionItem, MissionPlan
+from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.asyncio.plugins.offboard import OffboardAsync, OffboardError, VelocityNedYaw
 from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.asyncio.plugins.telemetry import LandedState, TelemetryAsync
+from pymavlink.dialects.v20 import common as mavlink
 
-from swingd.model.parameters import Parameters
+from swingd.link.codec import Codec
+from swingd.model.parameters import AutopilotKind, Parameters
+from swingd.sim.autopilot import NavState
 from swingd.sim.peer import SimulatedAutopilot
 from swingd.sim.run import run_simulation
 
 pytestmark = pytest.mark.live
 
 SPEED = 4.0
+GUIDED = Codec(255, 190).encode(mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 4, 0, 0, 0, 0, 0))
+"""What a ground station sends for Copter's mode GUIDED."""
 
 
 @pytest.fixture
-async def flight() -> AsyncIterator[tuple[SimulatedAutopilot, Mavsdk]]:
+async def flight(request: pytest.FixtureRequest) -> AsyncIterator[tuple[SimulatedAutopilot, Mavsdk]]:
     """A running simulation and a MAVSDK that listens to it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -34,6 +42,7 @@ async def flight() -> AsyncIterator[tuple[SimulatedAutopilot, Mavsdk]]:
         parameters,
         simulation=replace(
             parameters.simulation,
+            autopilot=getattr(request, "param", AutopilotKind.PX4),
             mavlink=f"udpout://127.0.0.1:{port}",
             mavlink_bind_port=0,
             speed=SPEED,
@@ -54,6 +63,11 @@ async def _until(condition: Callable[[], bool], timeout_s: float) -> None:
     async with asyncio.timeout(timeout_s):
         while not condition():
             await asyncio.sleep(0.02)
+
+
+def _described(items: Iterable[Any]) -> list[str]:
+    """Mission items as texts, in which one nan equals another."""
+    return [repr((item.command, item.frame, item.x, item.y, item.z)) for item in items]
 
 
 async def test_mavsdk_arms_takes_off_flies_offboard_and_lands(
@@ -96,6 +110,86 @@ async def test_mavsdk_arms_takes_off_flies_offboard_and_lands(
         await offboard.stop()
         await action.land()
         await _until(lambda: not peer.autopilot.armed, 15.0)
+        assert peer.truth().grounded
+    finally:
+        for plugin in (action, offboard, telemetry, param):
+            plugin.destroy()
+
+
+async def test_mavsdk_uploads_a_mission_and_downloads_it_unchanged(
+    flight: tuple[SimulatedAutopilot, Mavsdk],
+) -> None:
+    peer, mavsdk = flight
+    system = await mavsdk.first_autopilot(timeout_s=10.0)
+    assert system is not None
+    mission, raw = MissionAsync(system), MissionRawAsync(system)
+    try:
+        sent = [
+            MissionItem(
+                latitude_deg=47.3977 + 1e-4 * i,
+                longitude_deg=8.5456 - 1e-4 * i,
+                relative_altitude_m=10.0 + i,
+                speed_m_s=3.0 + i,
+                is_fly_through=i % 2 == 0,
+                acceptance_radius_m=2.0,
+                yaw_deg=45.0,
+                vehicle_action=MissionItem.VehicleAction.LAND if i == 5 else MissionItem.VehicleAction.NONE,
+            )
+            for i in range(6)
+        ]
+        await mission.upload_mission(MissionPlan(mission_items=sent))
+        assert len(peer.missions.items()) >= len(sent)
+        got = (await mission.download_mission()).mission_items
+        assert len(got) == len(sent)
+        for a, b in zip(sent, got, strict=True):
+            assert (b.latitude_deg, b.longitude_deg) == pytest.approx((a.latitude_deg, a.longitude_deg), abs=1e-7)
+            assert b.relative_altitude_m == a.relative_altitude_m
+            assert b.speed_m_s == a.speed_m_s
+            assert b.is_fly_through is a.is_fly_through
+            assert b.vehicle_action == a.vehicle_action
+        stored = _described(peer.missions.items())
+        items = await raw.download_mission()
+        assert _described(items) == stored
+        await raw.upload_mission(items)
+        assert _described(peer.missions.items()) == stored
+        await mission.clear_mission()
+        assert peer.missions.items() == ()
+    finally:
+        mission.destroy()
+        raw.destroy()
+
+
+@pytest.mark.parametrize("flight", [AutopilotKind.ARDUPILOT], indirect=True)
+async def test_mavsdk_flies_copter_in_guided(flight: tuple[SimulatedAutopilot, Mavsdk]) -> None:
+    peer, mavsdk = flight
+    system = await mavsdk.first_autopilot(timeout_s=10.0)
+    assert system is not None
+    action, offboard, telemetry, param = (
+        ActionAsync(system),
+        OffboardAsync(system),
+        TelemetryAsync(system),
+        ParamAsync(system),
+    )
+    try:
+        assert await param.get_param_float("GUID_TIMEOUT") == 3.0
+        await param.set_param_int("RTL_ALT", 2000)
+        assert peer.parameters["RTL_ALT"] == 2000
+        await telemetry.set_rate_position_velocity_ned(20.0)
+        await action.set_takeoff_altitude(4.0)
+        peer.receive(GUIDED)
+        await action.arm()
+        await action.takeoff()
+        await _until(lambda: peer.truth().pos_ned_m[2] < -3.5, 10.0)
+        await offboard.set_velocity_ned(VelocityNedYaw(0.0, 0.0, 0.0, 0.0))
+        await offboard.start()
+        await offboard.set_velocity_ned(VelocityNedYaw(2.0, -1.0, 0.0, 0.0))
+        await _until(lambda: hypot(peer.truth().vel_ned_mps[0] - 2.0, peer.truth().vel_ned_mps[1] + 1.0) < 0.2, 10.0)
+        async with asyncio.timeout(10.0):
+            while (await telemetry.velocity_ned()).north_m_s < 1.4:
+                await asyncio.sleep(0.05)
+        assert peer.autopilot.nav_state is NavState.GUIDED
+        await action.land()
+        await _until(lambda: not peer.autopilot.armed, 20.0)
         assert peer.truth().grounded
     finally:
         for plugin in (action, offboard, telemetry, param):

@@ -1,5 +1,6 @@
 """PX4's reading of global and attitude setpoints, and what flies then."""
 
+import itertools
 from math import cos, degrees, hypot, isfinite, nan, radians, sin
 from typing import Any
 
@@ -304,4 +305,4 @@ def test_frames_that_come_back_are_not_obeyed_and_the_sequence_has_no_gap() -> N
     frames = app.peer.advance(app.t_s + 3.0)
     assert not app.peer.autopilot.armed
     sequence = [raw[4] for raw in frames]
-    assert all((b - a) % 256 == 1 for a, b in zip(sequence, sequence[1:], strict=False))
+    assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(sequence))

@@ -7,9 +7,9 @@ import pytest
 
 from swingd.core.slung_plant import GRAVITY
 from swingd.model.parameters import Simulation
-from swingd.sim.telemetry import euler_rad
 from swingd.sim.plant import DT_S, Plant
 from swingd.sim.sensors import Battery, Sensors
+from swingd.sim.telemetry import euler_rad
 
 from .rigs import QUIET, iris, steps, with_vehicle
 
