@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from swingd.engine.preflight import READ_IDS, Preflight
 from swingd.link.adapter import AutopilotAdapter
 from swingd.link.codec import Encoder, Frame
 from swingd.link.command_server import CommandServer, RcSwitch
 from swingd.link.parameter_server import ParameterServer
+from swingd.link.preflight.advice import AdviceSeverity
 from swingd.link.router import AUTOPILOT, Router, endpoint_of
 from swingd.link.setpoints import SETPOINT_IDS
 from swingd.link.status_text import StatusTextLimiter
@@ -27,7 +29,15 @@ from swingd.model.actions import (
     StatusText,
     SwingReport,
 )
-from swingd.model.events import AppSetpoint, CorrectionSwitch, Event, ParametersChange, Tick
+from swingd.model.events import (
+    AppSetpoint,
+    AutopilotRestart,
+    CorrectionSwitch,
+    Event,
+    ParametersChange,
+    Tick,
+    VoltageCompensation,
+)
 from swingd.model.ground_parameters import GroundParameter
 from swingd.model.parameters import Mode, Parameters, ShaperName
 from swingd.record.event_log import EventLogWriter
@@ -113,6 +123,8 @@ class Engine:
         self._command_server = CommandServer(link.system_id or 1, link.component_id)
         self._rc_switch = RcSwitch(link.rc_channel)
         self._texts = StatusTextLimiter()
+        self._preflight = Preflight()
+        self._compensated: bool | None = None
         self._signing_demanded = False
         self._encoders: dict[int, Encoder] = {}
         self._report_due_s = 0.0
@@ -196,6 +208,8 @@ class Engine:
         for text in self._texts.tick(t_mono_s):
             self._say(self.adapter.messages(text), self.router.ports, out)
         self._say(self._parameter_server.tick(), self.router.ports, out)
+        self._say(self.adapter.tick(t_mono_s), (AUTOPILOT,), out)
+        self._check_autopilot(t_mono_s, out)
         return self._sent(t_mono_s, out)
 
     def tell(self, t_mono_s: float, message: Any) -> list[Delivery]:
@@ -250,12 +264,34 @@ class Engine:
     def _listen(self, t_mono_s: float, frames: Sequence[Frame], out: list[Delivery]) -> None:
         """Take what the autopilot itself says."""
         for event in self.adapter.take(t_mono_s, frames):
+            if isinstance(event, AutopilotRestart):
+                self._preflight.restart()
             self._step(event, out)
         for frame in frames:
-            if frame.msg_id == mavlink.MAVLINK_MSG_ID_RC_CHANNELS and self._is_autopilot(frame):
+            if frame.msg_id in READ_IDS and self._is_autopilot(frame):
+                self._preflight.take(frame)
+            elif frame.msg_id == mavlink.MAVLINK_MSG_ID_RC_CHANNELS and self._is_autopilot(frame):
                 enabled = self._rc_switch.handle(frame)
                 if enabled is not None:
                     self._switch(t_mono_s, enabled, out)
+
+    def _check_autopilot(self, t_mono_s: float, out: list[Delivery]) -> None:
+        """Read the autopilot's parameters, take over what the estimate depends on, and say what is dangerous."""
+        self._say(self._preflight.tick(t_mono_s, self.adapter.autopilot), (AUTOPILOT,), out)
+        if self._pipeline is None:
+            return
+        compensated = self._preflight.voltage_compensated
+        if compensated is not None and compensated is not self._compensated:
+            self._compensated = compensated
+            self._step(VoltageCompensation(t_mono_s, compensated), out)
+        advice = self._preflight.judge(self._parameters, self._pipeline.rates_hz)
+        if not advice:
+            return
+        for one in advice:
+            if one.severity is AdviceSeverity.DANGER:
+                self._act(t_mono_s, StatusText(Severity.WARNING, f"{one.name} = {one.value}: {one.remedy}"), out)
+        text = f"{len(advice)} findings in the autopilot's parameters; swingd doctor explains them"
+        self._act(t_mono_s, StatusText(Severity.NOTICE, text), out)
 
     # ---- ground stations
 
@@ -355,8 +391,7 @@ class Engine:
 
     @property
     def _system_id(self) -> int:
-        autopilot = self.adapter.autopilot
-        return autopilot.system_id if autopilot is not None else self._parameters.link.system_id or 1
+        return self.adapter.system_id
 
     def _is_own(self, frame: Frame) -> bool:
         return frame.component_id == self._parameters.link.component_id and frame.system_id == self._system_id

@@ -38,7 +38,6 @@ from swingd.model.actions import (
     StatusText,
     StreamRequest,
     SwingReport,
-    VoltageCompensationRequest,
 )
 from swingd.model.events import (
     AppSetpoint,
@@ -50,13 +49,11 @@ from swingd.model.events import (
     SetpointUse,
     Stream,
     UnmetSetpoint,
-    VoltageCompensation,
 )
 from swingd.model.parameters import Link, ShaperName, Thrust
 
 __all__ = ["AutopilotAdapter", "AutopilotId", "Drop"]
 
-_BY_NAME = -1
 _CLOCK_REQUESTS_KEPT = 64
 
 _ASK_EVERY_S = 5.0
@@ -88,8 +85,6 @@ _MAV_STATES = {
     Health.DEGRADED: mavlink.MAV_STATE_CRITICAL,
     Health.FAULT: mavlink.MAV_STATE_EMERGENCY,
 }
-_VOLTAGE_COMPENSATION = {AutopilotKind.PX4: "MC_BAT_SCALE_EN", AutopilotKind.ARDUPILOT: "MOT_BAT_VOLT_MAX"}
-"""The parameter that is not zero where the autopilot scales its outputs with the voltage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,13 +286,6 @@ class AutopilotAdapter:
         message = frame.message
         return message is not None and message.tc1 != 0 and message.ts1 in self._clock_requests
 
-    def _param_value(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
-        assert self.autopilot is not None
-        m = frame.message
-        if m.param_id == _VOLTAGE_COMPENSATION.get(self.autopilot.kind):
-            # PX4 sends integers as the bits of a float: zero is zero in both, and the only value that means no.
-            events.append(VoltageCompensation(t_mono_s, m.param_value != 0.0))
-
     def _reference(self, t_mono_s: float, frame: Frame, events: list[Event]) -> None:
         """Take the reference of mode ``hold``: a setpoint addressed to swingd, in LOCAL_NED."""
         m = frame.message
@@ -376,8 +364,6 @@ class AutopilotAdapter:
                     messages = self._request_messages(autopilot, action)
                 case ClockRequest():
                     messages = self._clock_request_messages(action)
-                case VoltageCompensationRequest():
-                    messages = _parameter_read_messages(autopilot)
         if not messages:
             self.drops[Drop.OUTGOING] += 1
         return messages
@@ -408,15 +394,6 @@ class AutopilotAdapter:
         return [mavlink.MAVLink_timesync_message(0, asked_ns)]
 
 
-def _parameter_read_messages(autopilot: AutopilotId) -> list[Any]:
-    name = _VOLTAGE_COMPENSATION.get(autopilot.kind)
-    if name is None:
-        return []
-    return [
-        mavlink.MAVLink_param_request_read_message(autopilot.system_id, autopilot.component_id, name.encode(), _BY_NAME)
-    ]
-
-
 def _message_request(autopilot: AutopilotId, msg_id: int) -> Any:
     return mavlink.MAVLink_command_long_message(
         autopilot.system_id,
@@ -431,7 +408,6 @@ def _message_request(autopilot: AutopilotId, msg_id: int) -> Any:
 _Handler = Callable[[AutopilotAdapter, float, Frame, list[Event]], None]
 _HANDLERS: dict[int, _Handler] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: AutopilotAdapter._heartbeat,
-    mavlink.MAVLINK_MSG_ID_PARAM_VALUE: AutopilotAdapter._param_value,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: AutopilotAdapter._timesync,
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS: AutopilotAdapter._rc_channels,
     mavlink.MAVLINK_MSG_ID_COMMAND_ACK: AutopilotAdapter._command_ack,

@@ -89,11 +89,6 @@ class StreamRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class VoltageCompensationRequest:
-    """Ask whether the autopilot compensates the voltage itself."""
-
-
-@dataclass(frozen=True, slots=True)
 class ClockRequest:
     """Ask for the autopilot's clock: the answer tells how long the link takes there and back."""
 
@@ -107,13 +102,4 @@ class Heartbeat:
     health: Health
 
 
-Action = (
-    Setpoint
-    | PassSetpoint
-    | SwingReport
-    | StatusText
-    | StreamRequest
-    | VoltageCompensationRequest
-    | ClockRequest
-    | Heartbeat
-)
+Action = Setpoint | PassSetpoint | SwingReport | StatusText | StreamRequest | ClockRequest | Heartbeat

@@ -73,6 +73,8 @@ class StreamWatch:
             Stream.LOCAL_POSITION: 50.0,
             Stream.LANDED_STATE: 2.0,
         }
+        self.rates_hz = rates
+        """What is asked for [Hz]."""
         self._watched = {stream: _Watched(rate) for stream, rate in rates.items()}
 
     def arrived(self, stream: Stream, t_mono_s: float) -> None:

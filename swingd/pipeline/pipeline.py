@@ -17,7 +17,6 @@ from swingd.model.actions import (
     Severity,
     StatusText,
     SwingReport,
-    VoltageCompensationRequest,
 )
 from swingd.model.estimate import FloatArray, ResetReason
 from swingd.model.events import (
@@ -65,9 +64,6 @@ LANDED_FOR_S = 1.0
 """The land detector must say so for this long."""
 ESTIMATED_FROM = ("vehicle", "payload", "cable", "thrust", "estimator", "link")
 """Groups of parameters that the estimate and the watch over its inputs are built from."""
-COMPENSATION_REQUESTS = 5
-"""How often the autopilot is asked whether it compensates the voltage, before its silence is taken for a no."""
-COMPENSATION_REQUEST_S = 2.0
 
 
 class Pipeline:
@@ -87,6 +83,7 @@ class Pipeline:
         self._on_ground_since_s: float | None = None
         self._state_s: float | None = None
         self._parameters = parameters
+        self._compensated = False
         self._commander = Commander(parameters)
         self._build()
 
@@ -100,12 +97,11 @@ class Pipeline:
         self._sampler = ImuSampler(parameters.estimator.rate_hz)
         self._attitude = AttitudeTracker()
         self._thrust = ThrustModel(parameters)
+        self._thrust.compensated = self._compensated
         self._calibration = ScaleCalibration(parameters)
         self._payload = PayloadWatch(parameters)
         self._estimator = make_estimator(parameters)
         self._streams = StreamWatch(parameters)
-        self._compensation_requests = 0
-        self._compensation_asked_s = -math.inf
         self._health = HealthWatch(parameters)
         self._assessment = Assessment(Health.INIT, "waiting for the autopilot's IMU")
         self._told: tuple[Health, str] | None = None
@@ -135,6 +131,11 @@ class Pipeline:
         if self._assessment.health is Health.READY and self._commander.active:
             return Health.ACTIVE
         return self._assessment.health
+
+    @property
+    def rates_hz(self) -> dict[Stream, float]:
+        """The streams that the autopilot is asked for [Hz]."""
+        return self._streams.rates_hz
 
     @property
     def refusals(self) -> dict[str, int]:
@@ -203,7 +204,6 @@ class Pipeline:
                 self._commander.autopilot_restarted()
                 self._streams.restarted()
                 self._health.round_trip.restarted()
-                self._compensation_requests = 0
                 self._reset(ResetReason.CLOCK)
                 return [StatusText(Severity.WARNING, f"autopilot's clock stepped by {event.step_s:+.1f} s")]
             case StreamRefused():
@@ -211,8 +211,7 @@ class Pipeline:
             case RoundTrip():
                 self._health.round_trip.answered(event.t_mono_s, event.round_trip_s)
             case VoltageCompensation():
-                self._thrust.compensated = event.active
-                self._compensation_requests = COMPENSATION_REQUESTS
+                self._compensated = self._thrust.compensated = event.active
             case CorrectionSwitch():
                 if self._commander.switch(event.enabled):
                     return [StatusText(Severity.NOTICE, f"correction {'on' if event.enabled else 'off'}")]
@@ -440,14 +439,6 @@ class Pipeline:
         if self._state_s is not None:
             # Before the autopilot's first HEARTBEAT there is nobody to ask.
             actions += self._streams.tick(now_s, bool(self._armed))
-        if (
-            self._compensation_requests < COMPENSATION_REQUESTS
-            and now_s - self._compensation_asked_s >= COMPENSATION_REQUEST_S
-            and self._streams.age_s(Stream.IMU, now_s) is not None
-        ):
-            self._compensation_requests += 1
-            self._compensation_asked_s = now_s
-            actions.append(VoltageCompensationRequest())
         if self._streams.age_s(Stream.IMU, now_s) is not None and self._health.round_trip.request_due(now_s):
             actions.append(ClockRequest(now_s))
         if now_s - self._heartbeat_s >= HEARTBEAT_S:
