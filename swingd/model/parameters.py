@@ -320,7 +320,7 @@ class Shaping:
     """Feed-forward: how an application's steps are spread so that they excite the swing less."""
 
     acc_max_mps2: float = quantity(
-        2.2, "m/s^2", 0.1, 20.0, "largest horizontal acceleration of a shaped setpoint", mavlink="SWG_SHP_ACC"
+        2.0, "m/s^2", 0.1, 20.0, "largest horizontal acceleration of a shaped setpoint", mavlink="SWG_SHP_ACC"
     )
     jerk_max_mps3: float = quantity(
         25.0, "m/s^3", 0.1, 1000.0, "largest horizontal jerk of a shaped setpoint", mavlink="SWG_SHP_JERK"
