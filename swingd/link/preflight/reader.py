@@ -13,7 +13,7 @@ from swingd.model.events import AutopilotKind
 
 ATTEMPTS = 4
 """Requests for one name before it counts as missing."""
-FIRST_WAIT_S = 0.3
+FIRST_WAIT_S = 0.2
 """Patience with the first request; each further one has twice as much [s]."""
 OUTSTANDING_MAX = 4
 """Names that may be waited for at a time: a slow link has room for little more."""
