@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-_LOOP_DELAY_US = 1500
 _NEVER_US = -(10**9)
 
 
@@ -34,6 +33,9 @@ class Streams:
         Rate of each until something else is asked for; 0 is off.
     """
 
+    early_us = 450
+    """A message leaves when more than its interval less this has passed: 0.3 of the loop delay of PX4."""
+
     def __init__(self, builders: Mapping[int, Callable[[], Any]], default_rates_hz: Mapping[int, float]) -> None:
         self._streams: dict[int, Stream] = {}
         for msg_id, build in builders.items():
@@ -54,18 +56,20 @@ class Streams:
 
     def due(self, now_us: int, data_us: int) -> Iterator[Any]:
         """Give the messages that are due; ``data_us`` is the stamp of the newest sample."""
+        latest_us = now_us + self.early_us
         for stream in self._streams.values():
-            if stream.interval_us > 0 and self._is_due(stream, now_us, data_us):
+            interval_us = stream.interval_us
+            if 0 < interval_us < latest_us - stream.last_us and self._claim(stream, now_us, data_us):
                 message = stream.build()
                 if message is not None:
                     yield message
 
-    def _is_due(self, stream: Stream, now_us: int, data_us: int) -> bool:
+    def _claim(self, stream: Stream, now_us: int, data_us: int) -> bool:
         """PX4 keeps the average rate as long as its loop keeps up, else starts anew, and sends no sample twice."""
+        if data_us <= stream.data_us:
+            return False
         interval_us = stream.interval_us
         since_us = now_us - stream.last_us
-        if since_us <= interval_us - 3 * _LOOP_DELAY_US // 10 or data_us <= stream.data_us:
-            return False
         stream.last_us = stream.last_us + interval_us if 1.5 * interval_us > since_us else now_us
         stream.data_us = data_us
         return True
@@ -74,10 +78,10 @@ class Streams:
 class CopterStreams(Streams):
     """The streams of Copter, which counts in whole milliseconds."""
 
-    def _is_due(self, stream: Stream, now_us: int, data_us: int) -> bool:
+    early_us = 1
+
+    def _claim(self, stream: Stream, now_us: int, data_us: int) -> bool:
         interval_us = stream.interval_us
         since_us = now_us - stream.last_us
-        if since_us < interval_us:
-            return False
         stream.last_us = stream.last_us + interval_us if since_us < 2 * interval_us else now_us
         return True
