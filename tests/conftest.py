@@ -1,7 +1,7 @@
 """Fixtures of all tests."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -13,6 +13,15 @@ PROJECT = Path(__file__).resolve().parent.parent
 # The same examples on every machine, however slow it is; HYPOTHESIS_SEARCH=1 looks for new ones.
 settings.register_profile("swingd", deadline=None, derandomize=not os.environ.get("HYPOTHESIS_SEARCH"))
 settings.load_profile("swingd")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep what daemons store out of the user's home, and what the user has stored out of the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("STATE_DIRECTORY", raising=False)
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
 
 
 @pytest.fixture(scope="session")
