@@ -18,7 +18,8 @@ RATE_SHARE = 0.75
 LATE_S = 0.1
 """IMU and attitude older than this make the correction fade."""
 SETTLE_S = 2.0
-"""Time after a reset before the estimate may be used, and the angles' deviation it must have reached by then."""
+"""Time after a reset for which the filter must have been consistent before it may be used, and the angles' deviation
+that it must have reached by then."""
 ANGLE_STD_READY_RAD = 0.12
 NIS_MAX = 20.0
 """Mean normalised innovation squared, 3 degrees of freedom, beyond which the filter and the world disagree."""
@@ -193,14 +194,14 @@ class HealthWatch:
         self._max_gap_s = parameters.estimator.max_gap_s
         self._nis_gate = parameters.estimator.nis_gate
         self.round_trip = RoundTripWatch()
-        self._since_reset_s = 0.0
+        self._settled_s = 0.0
         self._nis = 0.0
         self._std_rad = float("inf")
         self._resets_s: deque[float] = deque(maxlen=3)
 
     def reset(self, t_mono_s: float, fault: bool) -> None:
         """Note that the estimator began anew; ``fault`` where it had to."""
-        self._since_reset_s = 0.0
+        self._settled_s = 0.0
         self._nis = 0.0
         self._std_rad = float("inf")
         if fault:
@@ -208,9 +209,10 @@ class HealthWatch:
 
     def step(self, dt_s: float, nis: float, std_rad: float) -> None:
         """Note one filter step with its innovation and the larger of the angles' deviations."""
-        self._since_reset_s += dt_s
         self._nis += dt_s / (dt_s + NIS_TIME_CONSTANT_S) * (min(nis, self._nis_gate) - self._nis)
         self._std_rad = std_rad
+        if self._settled_s < SETTLE_S:
+            self._settled_s = self._settled_s + dt_s if self._nis <= NIS_MAX else 0.0
 
     def assess(
         self, t_mono_s: float, streams: StreamWatch, payload: PayloadState, heartbeat_age_s: float | None
@@ -231,7 +233,7 @@ class HealthWatch:
             return Assessment(Health.FAULT, "the filter diverged three times in 10 s")
         if payload in (PayloadState.ON_GROUND, PayloadState.SLACK):
             return Assessment(Health.INIT, payload.value)
-        if self._since_reset_s < SETTLE_S or self._std_rad > ANGLE_STD_READY_RAD:
+        if self._settled_s < SETTLE_S or self._std_rad > ANGLE_STD_READY_RAD:
             return Assessment(Health.INIT, "the estimate is settling")
         if imu_s > LATE_S or attitude_s > LATE_S:
             return Assessment(Health.DEGRADED, "IMU or attitude late")

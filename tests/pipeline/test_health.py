@@ -265,6 +265,13 @@ def test_disagreement_degrades_and_heals() -> None:
     assert judged.run(2.0) is Health.READY
 
 
+def test_after_a_reset_it_must_have_been_consistent_for_a_while() -> None:
+    judged = Judged()
+    assert judged.run(4.0, nis=40.0) is not Health.READY
+    assert judged.run(SETTLE_S - 0.1) is not Health.READY, "however long ago the reset was"
+    assert judged.run(1.5) is Health.READY
+
+
 def test_three_divergences_are_a_fault_for_a_while() -> None:
     judged = Judged()
     judged.run(5.0)
