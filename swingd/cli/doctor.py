@@ -3,10 +3,13 @@
 import asyncio
 import io
 import json
+import shutil
 import sys
+import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict
 from enum import Enum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -17,6 +20,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from swingd.model.actions import StatusText
+    from swingd.model.parameters import Parameters
     from swingd.service.diagnosis import Diagnosis
 
 EXAMPLES = """\b
@@ -61,6 +66,7 @@ def doctor(
     if autopilot is not None:
         settings.append(f"link.autopilot={json.dumps(autopilot)}")
     parameters = load_parameters(config, settings)
+    parameters = _as_set_in_flight(config, parameters)
     process.announce_compilation()
     from swingd.service.doctor import examine
 
@@ -74,6 +80,30 @@ def doctor(
     else:
         _print(diagnosis)
     raise typer.Exit(0 if diagnosis.ready else 1)
+
+
+def _as_set_in_flight(config: Path | None, parameters: "Parameters") -> "Parameters":
+    """Take what a ground station has set, as the daemon does; on a copy, for reading may make it forget."""
+    from swingd.service.state import StateFile
+
+    def tell(note: "StatusText") -> None:
+        typer.echo(note.text, err=True)
+
+    kept = StateFile(config, tell).path
+    if kept is None or not kept.is_file():
+        return parameters
+    with tempfile.TemporaryDirectory(prefix="swingd-doctor-") as folder:
+        try:
+            shutil.copy(kept, Path(folder) / kept.name)
+        except OSError as error:
+            typer.echo(f"{kept} cannot be read, and what a ground station has set is left out: {error}", err=True)
+            return parameters
+        state = StateFile(config, tell, Path(folder))
+        parameters, notes = state.apply(parameters)
+        state.close()
+    for note in notes:
+        tell(note)
+    return parameters
 
 
 def _as_json(diagnosis: "Diagnosis") -> dict[str, Any]:

@@ -114,7 +114,6 @@ class Examination:
         self._version_requests = 0
         self._due_s = dict.fromkeys(("heartbeat", "clock", "version"), t_mono_s)
         self._asked: dict[Stream, list[int]] = {}
-        self._restored = False
 
     @property
     def parameters_done(self) -> bool:
@@ -243,7 +242,6 @@ class Examination:
         if autopilot is None or self._running or self._armed:
             return []
         ids = sorted({msg_id for asked in self._asked.values() for msg_id in asked})
-        self._restored = bool(ids)
         return [_command(autopilot, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, msg_id) for msg_id in ids]
 
     def _is_due(self, what: str, every_s: float) -> bool:
@@ -325,7 +323,7 @@ class Examination:
             values=values,
             missing=missing,
             findings=tuple(sorted(findings, key=lambda finding: finding.severity)),
-            streams_restored=self._restored,
+            streams_restored=bool(self.farewell()),
         )
 
     @property
@@ -481,6 +479,7 @@ async def examine(
             encoder.system_id = autopilot.system_id if autopilot is not None else encoder.system_id
             link.send(AUTOPILOT, [encoder.encode(message) for message in messages])
 
+    share = 0.0
     try:
         while True:
             now_s = time.monotonic()
@@ -488,19 +487,19 @@ async def examine(
             if now_s >= end_s and (examination.parameters_done or now_s >= end_s + PARAMETERS_EXTRA_S):
                 break
             say(examination.tick(now_s))
-            on_progress(min((now_s - begun_s) / max(end_s - begun_s, TICK_S), 1.0))
+            share = max(share, min((now_s - begun_s) / max(end_s - begun_s, TICK_S), 1.0))
+            on_progress(share)
             await asyncio.sleep(TICK_S)
-        counters = link.counters
-        bytes_in = link.traffic[1]
-        # What is half received at the end is no garbage; what was never framed at all is.
-        garbage = bytes_in if bytes_in and not counters.framing.frames else counters.framing.garbage_bytes
-        goodbye = examination.farewell()
-        diagnosis = examination.diagnosis(bytes_in, garbage, counters.refused)
-        say(goodbye)
-        await asyncio.sleep(FAREWELL_S)
+        framing, bytes_in = link.counters.framing, link.traffic[1]
+        # What is half received at the end is no garbage; where no frame ever came, all of it is.
+        garbage = framing.garbage_bytes if framing.frames else bytes_in
+        return examination.diagnosis(bytes_in, garbage, link.counters.refused)
     finally:
+        goodbye = examination.farewell()
+        if goodbye:
+            say(goodbye)
+            await asyncio.sleep(FAREWELL_S)
         await link.close()
-    return diagnosis
 
 
 def _through_swingd(parameters: Parameters) -> str:

@@ -231,6 +231,25 @@ async def test_in_the_air_the_hover_is_measured_and_the_streams_are_left_alone()
     assert diagnosis.ready
 
 
+async def test_whoever_interrupts_it_leaves_the_streams_as_they_were() -> None:
+    parameters = linked(free_port())
+    peer = SimulatedAutopilot(parameters, GOOD)
+    recorder = Recorder(peer)
+    async with flying(parameters, peer):
+        task = asyncio.create_task(examine(parameters, 60.0))
+        await asyncio.sleep(2.5)
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+        await asyncio.sleep(0.1)
+    last: dict[int, float] = {}
+    for message in recorder.messages:
+        if message.get_type() == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            last[int(message.param1)] = message.param2
+    assert last.keys() >= {carrier(AutopilotKind.PX4, stream) for stream in (Stream.IMU, Stream.THROTTLE)}
+    assert set(last.values()) == {0.0}
+
+
 async def test_without_an_imu_it_is_not_ready() -> None:
     imu = carrier(AutopilotKind.PX4, Stream.IMU)
     diagnosis = await examined(linked(free_port()), without={imu})
