@@ -186,7 +186,7 @@ async def test_a_copter_is_read_by_its_own_rules() -> None:
     assert diagnosis.autopilot.kind is AutopilotKind.ARDUPILOT
     assert diagnosis.values["PSC_VELXY_P"] == 3.0
     assert diagnosis.values["SERIAL1_BAUD"] == 57
-    assert "autopilot: {velocity_p: 3}" in " ".join(finding.remedy for finding in diagnosis.findings)
+    assert "autopilot.velocity_p: 3" in " ".join(finding.remedy for finding in diagnosis.findings)
     got = streams(diagnosis)
     assert got[Stream.IMU].got_hz == pytest.approx(200.0, rel=0.1)
     assert got[Stream.IMU].verdict == "good"

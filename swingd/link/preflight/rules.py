@@ -111,7 +111,7 @@ def velocity_gains(facts: Facts, names: Mapping[str, tuple[str, ...]]) -> Iterab
             text(value),
             f"the correction is designed for a velocity loop with {text(expected)}: "
             "its damping will be another than promised",
-            f"in the configuration: autopilot: {{{key}: {text(value)}}}",
+            f"autopilot.{key}: {text(value)} in the configuration",
         )
 
 
@@ -171,8 +171,8 @@ def voltage_exponent(facts: Facts, name: str, compensated: bool | None) -> Itera
             value,
             "the autopilot raises its motor outputs as the voltage falls, and with thrust.voltage_exponent 0 swingd "
             "takes that for more thrust",
-            "in the configuration: thrust: {voltage_exponent: 2}; swingd drops it for the throttle by itself "
-            "(keep 0 only with ESCs that hold the speed)",
+            "thrust.voltage_exponent: 2 in the configuration; swingd drops it for the throttle by itself (keep 0 only "
+            "with ESCs that hold the speed)",
         )
     elif compensated and exponent > 0.0:
         yield Advice(
@@ -190,7 +190,7 @@ def voltage_exponent(facts: Facts, name: str, compensated: bool | None) -> Itera
             value,
             "nothing compensates the voltage here, and with thrust.voltage_exponent 0 swingd does not either: the "
             "thrust is overestimated as the battery empties",
-            "in the configuration: thrust: {voltage_exponent: 2}, unless the ESCs hold the speed",
+            "thrust.voltage_exponent: 2 in the configuration, unless the ESCs hold the speed",
         )
 
 
@@ -213,8 +213,7 @@ def thrust_model(facts: Facts, name: str, factor: float) -> Iterable[Advice]:
             text(factor),
             "throttle and motor outputs are different numbers here, and one thrust curve fits only one of them: the "
             "thrust jumps when motor outputs come or stay away",
-            "in the configuration: thrust: {source: motors} or {source: throttle}, whichever the curve was measured "
-            "with",
+            "thrust.source: motors or throttle in the configuration, whichever the curve was measured with",
         )
 
 
