@@ -181,11 +181,16 @@ class Engine:
             elif self._is_autopilot(frame):
                 self.drops[Drop.IMPERSONATION] += 1
                 continue
-            elif frame.msg_id in SETPOINT_IDS and self._is_met(t_mono_s, port, frame, out):
-                continue
             if frame.msg_id in _SERVED_IDS:
                 self._serve(t_mono_s, port, frame, out)
             if self._is_for_swingd(frame):
+                self.router.learn(port, frame)
+                if not autopilot_side:
+                    # A reference of mode hold; what comes from the autopilot's side is taken below.
+                    self._listen(t_mono_s, (frame,), out)
+                continue
+            if not autopilot_side and frame.msg_id in SETPOINT_IDS and self._is_met(t_mono_s, port, frame, out):
+                self.router.learn(port, frame)
                 continue
             if frame.msg_id == mavlink.MAVLINK_MSG_ID_SETUP_SIGNING:
                 self.drops[Drop.SIGNING_KEY] += 1
@@ -350,11 +355,6 @@ class Engine:
 
     def _is_met(self, t_mono_s: float, port: int, frame: Frame, out: list[Delivery]) -> bool:
         """Whether a setpoint of an application is consumed; if not it passes as it came."""
-        if frame.target_component == self._parameters.link.component_id:
-            # A reference of mode hold.
-            for event in self.adapter.take(t_mono_s, (frame,)):
-                self._step(event, out)
-            return True
         if (
             self._pipeline is None
             or self._parameters.mode is not Mode.INLINE

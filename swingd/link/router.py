@@ -78,17 +78,22 @@ class Router:
         self._routes.clear()
         self._several = {source for source in self._several if self._places(source) > 1}
 
-    def route(self, port: int, frame: Frame) -> tuple[int, ...]:
-        """Learn the sender of a frame that came through ``port``; return the ports that it goes to."""
+    def learn(self, port: int, frame: Frame) -> None:
+        """Learn where the sender of a frame is, one that goes nowhere included."""
         source = frame.system_id << 8 | frame.component_id
         sources = self._sources.get(port)
-        if sources is None:
-            return ()
-        if source not in sources and len(sources) < _SOURCES_MAX:
+        if sources is not None and source not in sources and len(sources) < _SOURCES_MAX:
             sources.add(source)
             self._routes.clear()
             if self._places(source) > 1:
                 self._several.add(source)
+
+    def route(self, port: int, frame: Frame) -> tuple[int, ...]:
+        """Learn the sender of a frame that came through ``port``; return the ports that it goes to."""
+        if port not in self._sources:
+            return ()
+        self.learn(port, frame)
+        source = frame.system_id << 8 | frame.component_id
         if source in self._several and self._is_repeated(frame):
             self.refusals[Refusal.LOOP] += 1
             return ()
