@@ -4,7 +4,7 @@ import copy
 import copyreg
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any
 
@@ -14,8 +14,9 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.engine import Engine
 from swingd.link.codec import Codec, Frame, Framer
+from swingd.link.port import Port
 from swingd.model.actions import Action, Health, Setpoint, StatusText, SwingReport
-from swingd.model.parameters import Mode, Parameters
+from swingd.model.parameters import Mode, Parameters, SimulatedKind
 from swingd.record.event_log import EventLogWriter
 from swingd.sim.autopilot import NavState
 from swingd.sim.lockstep import EngineCompanion, Lockstep
@@ -38,6 +39,9 @@ QUESTIONS = {
     mavlink.MAVLINK_MSG_ID_TIMESYNC,
 }
 """What it may ask besides, and say of its own parameters: nothing that changes the autopilot's state."""
+COMMANDS = {mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_REQUEST_MESSAGE}
+"""The commands that it gives."""
+UNIX_START_S = 1.7e9
 
 # Lets a flight be copied: pymavlink's packer keeps compiled formats.
 copyreg.pickle(struct.Struct, lambda compiled: (struct.Struct, (compiled.format,)))  # type: ignore[arg-type]
@@ -58,6 +62,13 @@ def inline(parameters: Parameters | None = None, **simulation: Any) -> Parameter
     return replace(hold(parameters, **simulation), mode=Mode.INLINE)
 
 
+def uncorrected(parameters: Parameters) -> Parameters:
+    """The same with a correction of zero: setpoints are met, resolved and sent on, and nothing is added."""
+    return replace(
+        parameters, control=replace(parameters.control, acc_max_mps2=0.0, vel_max_mps=0.0, displacement_max_m=0.0)
+    )
+
+
 class Flight:
     """One vehicle, one engine, one clock.
 
@@ -69,6 +80,18 @@ class Flight:
         What flies.
     parameters : Parameters, optional
         What swingd believes; the truth where not given.
+    px4 : mapping, optional
+        The autopilot's parameters, whichever it is, other than the defaults.
+    log : EventLogWriter, optional
+        Of the engine.
+    joined : bool
+        Whether the filter is there from the start.
+    signing_key : bytes, optional
+        The autopilot demands signatures of this key; the pilot's commands have them.
+    signs : bool
+        Whether swingd's side of that link has the key too.
+    without : collection of int
+        Messages that the autopilot does not have.
     """
 
     def __init__(
@@ -79,22 +102,31 @@ class Flight:
         px4: dict[str, float] | None = None,
         log: EventLogWriter | None = None,
         joined: bool = True,
+        signing_key: bytes | None = None,
+        signs: bool = False,
+        without: Collection[int] = (),
     ) -> None:
-        self.peer = SimulatedAutopilot(truth, px4)
-        self.engine = Engine(parameters or truth, self._see, log)
+        self.peer = SimulatedAutopilot(truth, px4, signing_key=signing_key, without=without)
+        self.is_copter = truth.simulation.autopilot is SimulatedKind.ARDUPILOT
+        self._height_m = truth.simulation.takeoff_altitude_m
+        self._pilot_port = Port(signing_key, 9, frozenset(), self._unix_s)
+        self._port = Port(signing_key if signs else None, 0, frozenset(), self._unix_s)
+        self.engine = Engine(parameters or truth, self._see, log, signing=signs)
         if joined:
             self.engine.join(0.0)
         self.companion = EngineCompanion(self.engine)
         self.lockstep = Lockstep(self.peer, self._companion, self._on_step)
         self.spoil: Spoil | None = None
         """Gets the time and the autopilot's frames of one step; returns what arrives."""
+        self.withhold: Callable[[Frame], bool] | None = None
+        """Gets every frame for the autopilot; says which ones do not reach it."""
         self.reference: tuple[float, float, float] | None = None
         """Velocity that an application repeats to swingd, NED [m/s]."""
         self._yaw: tuple[float, float, float] | None = None
         self.tlog: list[tuple[float, bytes]] | None = None
         self.frames_sent = 0
         self.applications: list[Application] = []
-        self._codec = Codec(255, 190)
+        self._pilot = Codec(255, 190)
         self._splitter = Codec(1, 1)
         self._checker = Codec(1, 1)
         self._reference_s = 0.0
@@ -125,6 +157,9 @@ class Flight:
     def t_s(self) -> float:
         return self.peer.t_s
 
+    def _unix_s(self) -> float:
+        return UNIX_START_S + self.peer.t_s
+
     @property
     def nav_state(self) -> NavState:
         return self.peer.autopilot.nav_state
@@ -149,9 +184,10 @@ class Flight:
     def run_until_healthy(self, at_most_s: float) -> "Flight":
         return self.run_while(lambda: self.health not in (Health.READY, Health.ACTIVE), at_most_s)
 
-    def connect(self, *, direct: bool = False) -> "Application":
-        """Let an application come: behind swingd's first endpoint, or ``direct`` at the autopilot."""
-        application = Application(self, None if direct else self.companion.connect(self.t_s, 0, len(self.applications)))
+    def connect(self, *, direct: bool = False, endpoint: int = 0, ids: tuple[int, int] = (245, 190)) -> "Application":
+        """Let an application come: behind one of swingd's endpoints, or ``direct`` at the autopilot."""
+        port = None if direct else self.companion.connect(self.t_s, endpoint, len(self.applications))
+        application = Application(self, port, ids)
         self.applications.append(application)
         return application
 
@@ -178,8 +214,10 @@ class Flight:
             data = b"".join(self.spoil(t_s, [frame.raw for frame in self._splitter.receive(data)]))
         if self.tlog is not None:
             self.tlog += [(t_s, frame.raw) for frame in self._splitter.receive(data)]
-        answer = self.companion(t_s, data)
+        answer = self._port.seal(self.companion(t_s, b"".join(frame.raw for frame in self._port.receive(data))))
         self._check(answer)
+        if self.withhold is not None:
+            answer = b"".join(frame.raw for frame in self._splitter.receive(answer) if not self.withhold(frame))
         return answer
 
     def _check(self, answer: bytes) -> None:
@@ -190,7 +228,7 @@ class Flight:
             assert frame.msg_id in SAID | QUESTIONS, frame.message
             self.sent_ids.add(frame.msg_id)
             if frame.msg_id == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
-                assert frame.message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+                assert frame.message.command in COMMANDS
             if frame.msg_id == mavlink.MAVLINK_MSG_ID_TIMESYNC:
                 assert frame.message.tc1 == 0
 
@@ -207,20 +245,26 @@ class Flight:
     def command(self, command: int, *params: float) -> None:
         """Send a command as a ground station would."""
         padded = (*params, *(0.0 for _ in range(7 - len(params))))
-        self.peer.receive(self._codec.encode(mavlink.MAVLink_command_long_message(1, 1, command, 0, *padded)))
+        message = mavlink.MAVLink_command_long_message(1, 1, command, 0, *padded)
+        self.peer.receive(self._pilot_port.seal(self._pilot.encode(message)))
 
     def take_off(self) -> "Flight":
         """Climb and wait until the estimate is good."""
         self.run(2.5)
-        self.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, *(math.nan for _ in range(4)))
-        self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
-        height_m = self.peer.px4["MIS_TAKEOFF_ALT"]
-        self.run_while(lambda: -self.peer.truth().pos_ned_m[2] < 0.95 * height_m, 20.0)
+        if self.is_copter:
+            self.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 4.0)
+            self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+            self.run(0.1)
+            self.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, self._height_m)
+        else:
+            self.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, *(math.nan for _ in range(4)))
+            self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        self.run_while(lambda: -self.peer.truth().pos_ned_m[2] < 0.95 * self._height_m, 20.0)
         return self.run(3.0)
 
     def enter_offboard(self) -> "Flight":
-        """Ask for OFFBOARD as a pilot would and wait until swingd has seen it."""
-        self.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 6.0)
+        """Ask for OFFBOARD (Copter: GUIDED) as a pilot would and wait until swingd has seen it."""
+        self.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 4.0 if self.is_copter else 6.0)
         return self.run(1.2)
 
     def leave_offboard(self) -> None:
@@ -272,11 +316,13 @@ class Application:
         Where it belongs.
     port : int or None
         Where it came to swingd; None where it talks to the autopilot itself.
+    ids : (2,)
+        Its system and component.
     """
 
-    def __init__(self, flight: Flight, port: int | None) -> None:
+    def __init__(self, flight: Flight, port: int | None, ids: tuple[int, int]) -> None:
         self._flight = flight
-        self._codec = Codec(245, 190)
+        self._codec = Codec(*ids)
         self._port = port
         self._due_s = 0.0
         self.period_s = 0.05
@@ -288,13 +334,14 @@ class Application:
             self._due_s = max(self._due_s, t_s - self.period_s) + self.period_s
             self.send(self.setpoint)
 
-    def send(self, message: Any) -> None:
-        """Send one message now."""
+    def send(self, message: Any) -> bytes:
+        """Send one message now; return its frame."""
         data = self._codec.encode(message)
         if self._port is None:
             self._flight.peer.receive(data)
         else:
             self._flight.companion.application_sends(self._flight.t_s, self._port, data)
+        return data
 
     def heard(self) -> list[Frame]:
         """Return what has come through the endpoint since the last call."""
