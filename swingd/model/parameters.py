@@ -39,7 +39,7 @@ class ThrustSource(Enum):
     """Reconstructed from the acceleration, Drones 2023 (14); valid near hover only."""
 
 
-class AutopilotKind(Enum):
+class SimulatedKind(Enum):
     """What the simulated autopilot looks like from its link."""
 
     PX4 = "px4"
@@ -334,7 +334,7 @@ class Shaping:
 class Simulation:
     """The simulated autopilot, vehicle and load: the truth, not the filter's model."""
 
-    autopilot: AutopilotKind = choice(AutopilotKind.PX4, "px4 or ardupilot: what the same vehicle looks like")
+    autopilot: SimulatedKind = choice(SimulatedKind.PX4, "px4 or ardupilot: what the same vehicle looks like")
     mavlink: str = choice("udpout://127.0.0.1:14540", "where the simulated autopilot talks to (PX4: from port 14580)")
     mavlink_bind_port: int = quantity(14580, "1", 0, 65535, "local port of the simulated autopilot's UDP link")
     ground_station: str = choice("none", "a second link by URL, for a ground station; both hear each other; or none")

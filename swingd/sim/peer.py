@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link import swing_message
 from swingd.link.codec import Frame
-from swingd.model.parameters import AutopilotKind, Parameters
+from swingd.model.parameters import Parameters, SimulatedKind
 from swingd.sim.autopilot import Autopilot
 from swingd.sim.copter import Copter
 from swingd.sim.face import CompanionLog, Face, text_of
@@ -31,9 +31,9 @@ _REBOOT_S = 3.0
 _HEARTBEAT_US = 1_000_000
 _LONG_AGO_US = -(10**9)
 
-_FACES: Mapping[AutopilotKind, type[Px4] | type[Copter]] = {
-    AutopilotKind.PX4: Px4,
-    AutopilotKind.ARDUPILOT: Copter,
+_FACES: Mapping[SimulatedKind, type[Px4] | type[Copter]] = {
+    SimulatedKind.PX4: Px4,
+    SimulatedKind.ARDUPILOT: Copter,
 }
 
 

@@ -95,7 +95,7 @@ def ask(reader: ParameterReader, peer: SimulatedAutopilot, seconds: float, lost_
 @pytest.mark.parametrize("kind", [PX4, COPTER])
 def test_every_parameter_of_a_simulated_autopilot_is_read_as_it_is(kind: AutopilotKind) -> None:
     base = Parameters()
-    face = model_parameters.AutopilotKind(kind.value)
+    face = model_parameters.SimulatedKind(kind.value)
     peer = SimulatedAutopilot(replace(base, simulation=replace(base.simulation, autopilot=face)))
     names = [*peer.parameters, "NO_SUCH_NAME"]
     reader = ParameterReader(autopilot(kind), names)

@@ -49,7 +49,7 @@ def free_port() -> int:
 
 def linked(port: int, mode: Mode = Mode.HOLD, kind: AutopilotKind = AutopilotKind.PX4) -> Parameters:
     base = Parameters(mode=mode)
-    face = model_parameters.AutopilotKind(kind.value)
+    face = model_parameters.SimulatedKind(kind.value)
     return replace(
         base,
         link=replace(base.link, autopilot=f"udpin://127.0.0.1:{port}"),

@@ -7,7 +7,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.codec import Codec
-from swingd.model.parameters import AutopilotKind, Cable, Parameters, Payload, Simulation, Thrust, Vehicle
+from swingd.model.parameters import Cable, Parameters, Payload, SimulatedKind, Simulation, Thrust, Vehicle
 from swingd.sim.lockstep import Lockstep
 from swingd.sim.peer import SimulatedAutopilot
 from swingd.sim.plant import DT_S, Truth
@@ -41,7 +41,7 @@ def with_vehicle(parameters: Parameters, **changes: Any) -> Parameters:
 
 def as_copter(parameters: Parameters) -> Parameters:
     """The same vehicle behind Copter's face."""
-    return replace(parameters, simulation=replace(parameters.simulation, autopilot=AutopilotKind.ARDUPILOT))
+    return replace(parameters, simulation=replace(parameters.simulation, autopilot=SimulatedKind.ARDUPILOT))
 
 
 def copter_sitl(load_kg: float, length_m: float) -> Parameters:

@@ -19,7 +19,7 @@ from mavsdk.asyncio.plugins.telemetry import LandedState, TelemetryAsync
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.codec import Codec
-from swingd.model.parameters import AutopilotKind, Parameters
+from swingd.model.parameters import Parameters, SimulatedKind
 from swingd.sim.autopilot import NavState
 from swingd.sim.peer import SimulatedAutopilot
 from swingd.sim.run import run_simulation
@@ -42,7 +42,7 @@ async def flight(request: pytest.FixtureRequest) -> AsyncIterator[tuple[Simulate
         parameters,
         simulation=replace(
             parameters.simulation,
-            autopilot=getattr(request, "param", AutopilotKind.PX4),
+            autopilot=getattr(request, "param", SimulatedKind.PX4),
             mavlink=f"udpout://127.0.0.1:{port}",
             mavlink_bind_port=0,
             speed=SPEED,
@@ -159,7 +159,7 @@ async def test_mavsdk_uploads_a_mission_and_downloads_it_unchanged(
         raw.destroy()
 
 
-@pytest.mark.parametrize("flight", [AutopilotKind.ARDUPILOT], indirect=True)
+@pytest.mark.parametrize("flight", [SimulatedKind.ARDUPILOT], indirect=True)
 async def test_mavsdk_flies_copter_in_guided(flight: tuple[SimulatedAutopilot, Mavsdk]) -> None:
     peer, mavsdk = flight
     system = await mavsdk.first_autopilot(timeout_s=10.0)
