@@ -118,7 +118,8 @@ def _target(reference: Reference, age_s: float) -> Target | None:
         vel = _ZERO
     if use & _POS_XY == _POS_XY:
         carried_s = min(age_s, CARRIED_MAX_S)
-        return Target(vel, (pos[0] + carried_s * vel[0], pos[1] + carried_s * vel[1]))
+        place = (pos[0] + carried_s * vel[0], pos[1] + carried_s * vel[1])
+        return Target(vel if age_s < CARRIED_MAX_S else _ZERO, place)
     return Target(vel) if use & _VEL_XY == _VEL_XY else None
 
 

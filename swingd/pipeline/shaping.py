@@ -24,6 +24,7 @@ CHANGE_LENGTHS = 2.0
 """Duration of a change to another shaper, over the longer one's duration."""
 CHANGE_MIN_S = 1.0
 _SPARE_SEGMENTS = 256
+_ARRIVED_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +96,9 @@ class _History:
 
     def forget_before(self, t_s: float) -> None:
         """Drop what is not needed any more."""
-        if len(self._t) > _SPARE_SEGMENTS and self._t[_SPARE_SEGMENTS] <= t_s:
-            del self._t[:_SPARE_SEGMENTS], self._rows[:_SPARE_SEGMENTS]
+        needless = bisect_right(self._t, t_s) - 1
+        if needless > _SPARE_SEGMENTS:
+            del self._t[:needless], self._rows[:needless]
 
     def mean(self, t_s: float, window_s: float) -> tuple[Vec2, Vec2, Vec2, Vec2]:
         """Return position, velocity, acceleration and jerk averaged over the window that ends at ``t_s``."""
@@ -191,26 +193,31 @@ class Shaper:
             vel = _moved(history.vel, target.vel_mps, acc_max * dt_s)
             pos = _travelled(history.pos, history.vel, vel, dt_s)
         else:
-            pos, vel = self._approach(_difference(target.pos_m, self._origin), target.vel_mps, acc_max, dt_s)
+            goal = _combined(target.pos_m, (-1.0, self._origin), (-dt_s, target.vel_mps))
+            pos, vel = self._approach(goal, target.vel_mps, acc_max, dt_s)
         history.advance(dt_s, pos, vel)
         longest_s = max(kernel.length_s for kernel in (self._kernel, self._before or self._kernel))
         history.forget_before(history.t_s - longest_s)
         return self._motion()
 
     def _approach(self, goal: Vec2, goal_vel: Vec2, acc_max: float, dt_s: float) -> tuple[Vec2, Vec2]:
-        """Next position and velocity of the slewed motion on its way to a place that moves steadily."""
+        """Next position and velocity of the slewed motion, on its way to a place that moves steadily from ``goal``."""
         history = self._history
         away = _difference(goal, history.pos)
         distance_m = math.hypot(*away)
         closing = _difference(history.vel, goal_vel)
-        if distance_m <= 0.5 * acc_max * dt_s * dt_s and math.hypot(*closing) <= acc_max * dt_s:
+        half_s = 0.5 * dt_s
+        missed = (away[0] - half_s * closing[0], away[1] - half_s * closing[1])
+        if math.hypot(*missed) <= _ARRIVED_M and math.hypot(*closing) <= acc_max * dt_s:
             return _travelled(goal, goal_vel, goal_vel, dt_s), goal_vel
-        n, e = away[0] / distance_m, away[1] / distance_m
-        # The fastest from which the goal can still be reached without passing it, once this interval is over.
-        left_m = distance_m - 0.5 * dt_s * (closing[0] * n + closing[1] * e)
+        n, e = (away[0] / distance_m, away[1] / distance_m) if distance_m > 0.0 else (0.0, 0.0)
+        closing_mps = closing[0] * n + closing[1] * e
+        # The fastest from which the goal can still be reached without passing it, once this interval is over;
+        # and in the end the one from which another interval like this ends exactly there.
         braking = BRAKING_SHARE * acc_max
-        speed = braking * (math.sqrt(max(0.25 * dt_s * dt_s + 2.0 * left_m / braking, 0.0)) - 0.5 * dt_s)
-        speed = min(max(speed, 0.0), self._vel_max_mps)
+        left_m = distance_m - half_s * closing_mps
+        fastest = braking * (math.sqrt(max(half_s * half_s + 2.0 * left_m / braking, 0.0)) - half_s)
+        speed = min(fastest, distance_m / dt_s - 0.5 * closing_mps, self._vel_max_mps)
         wanted = _limited(
             (goal_vel[0] + speed * n, goal_vel[1] + speed * e), max(self._vel_max_mps, math.hypot(*goal_vel))
         )
