@@ -32,7 +32,7 @@ check: $(STAMP)  ## style, types and the contract of the rooms
 	$(BIN)/lint-imports
 
 bench: $(STAMP)  ## speed of the parts, each as a ratio to a peer of the same run
-	$(BIN)/python tools/bench.py
+	$(BIN)/python -m tools.bench
 
 golden: $(STAMP)  ## rewrite the golden replays; read the diff before committing it
 	$(BIN)/python tools/golden.py --write

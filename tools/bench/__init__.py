@@ -1,0 +1,1 @@
+"""Speed of the parts and of the whole, each beside a peer of the same run."""
