@@ -172,7 +172,7 @@ def test_a_longer_cable_is_taken_where_the_load_is() -> None:
 def test_it_stays_finite_and_ends_where_the_reference_ends(dt_s: float, delay_s: float, length_m: float) -> None:
     motion = NominalMotion(slung(2.0, 0.3, length_m, autopilot=Autopilot(acceleration_delay_s=delay_s)))
     for k in range(round(40.0 / dt_s)):
-        pos, vel, acc, jerk = reference(k * dt_s)
+        _pos, vel, acc, jerk = reference(k * dt_s)
         motion.step((vel, -vel), (acc, -acc), (jerk, -jerk), dt_s, ended=False)
     for _ in range(round(60.0 / dt_s)):
         motion.step((2.0, -2.0), (0.0, 0.0), (0.0, 0.0), dt_s, ended=True)

@@ -1,5 +1,6 @@
 """Feed-forward between an application's setpoints and the correction: which it takes, how it blends, what it plans."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -98,7 +99,7 @@ def test_a_position_gets_velocity_and_acceleration_and_is_met_exactly() -> None:
     assert given[-1].pos_ned_m == pytest.approx((14.0, 18.0, -7.0), abs=1e-6)
     assert given[-1].vel_ned_mps == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     assert given[-1].acc_ned_mps2 == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
-    for before, after in zip(given, given[1:], strict=False):
+    for before, after in itertools.pairwise(given):
         for i in (0, 1):
             mean = 0.5 * (before.vel_ned_mps[i] + after.vel_ned_mps[i])
             assert after.pos_ned_m[i] - before.pos_ned_m[i] == pytest.approx(mean * DT_S, abs=1e-4), "consistent"
@@ -171,19 +172,22 @@ def test_other_parameters_on_the_way_cause_no_jump(moment_s: float) -> None:
     feed_forward = hovering()
     given = follow(feed_forward, velocity(3.0), moment_s)
     known = Parameters()
-    feed_forward.configure(
-        replace(
-            known,
-            cable=replace(known.cable, length_m=1.8),
-            payload=replace(known.payload, mass_kg=0.4),
-            shaping=replace(known.shaping, acc_max_mps2=1.5),
-        )
+    changed = replace(
+        known,
+        cable=replace(known.cable, length_m=1.8),
+        payload=replace(known.payload, mass_kg=0.4),
+        shaping=replace(known.shaping, acc_max_mps2=1.5),
     )
+    feed_forward.configure(changed)
     given += follow(feed_forward, velocity(3.0), 20.0)
     speeds = [one.vel_ned_mps[0] for one in given]
-    assert max(abs(b - a) for a, b in zip(speeds, speeds[1:], strict=False)) < 3.0 * DT_S
+    assert max(abs(b - a) for a, b in itertools.pairwise(speeds)) < 3.0 * DT_S
     # The other load's pull is commanded at once: a tenth of a kilogramme of it at most.
     accelerations = [one.acc_ned_mps2[0] for one in given]
     moment = round(moment_s / DT_S)
     assert abs(accelerations[moment] - accelerations[moment - 1]) < 0.6
     assert speeds[-1] == pytest.approx(3.0, abs=1e-6)
+    fresh = FeedForward(changed)
+    follow(fresh, velocity(3.0), 0.1)
+    for one, other in zip(follow(feed_forward, velocity(), 4.0), follow(fresh, velocity(), 4.0), strict=True):
+        assert one.vel_ned_mps == pytest.approx(other.vel_ned_mps, abs=1e-6), "the step after it is the other load's"

@@ -259,8 +259,9 @@ def test_it_begins_where_what_is_asked_for_stands() -> None:
         ((shaped(3.0), ShaperName.EI), (shaped(1.5), ShaperName.EI)),
         ((shaped(1.5), ShaperName.ZV), (shaped(1.5), ShaperName.ZVD)),
         ((shaped(1.5, acc_max_mps2=3.0), ShaperName.ZVD), (shaped(1.5, acc_max_mps2=1.0), ShaperName.ZVD)),
+        ((shaped(1.5, acc_max_mps2=1.0), ShaperName.ZVD), (shaped(1.5, acc_max_mps2=3.0), ShaperName.ZVD)),
     ],
-    ids=["longer", "shorter", "other", "gentler"],
+    ids=["longer", "shorter", "other", "gentler", "brisker"],
 )
 @pytest.mark.parametrize("goal", [None, (20.0, 0.0)], ids=["velocity", "position"])
 def test_another_shaper_is_taken_without_a_jump(
@@ -278,7 +279,7 @@ def test_another_shaper_is_taken_without_a_jump(
     record.follow(target, 40.0)
     dt = np.diff(record.times)
     # What the change adds stays a fraction of the limits themselves.
-    acc_max = before[0].shaping.acc_max_mps2
+    acc_max = max(parameters.shaping.acc_max_mps2 for parameters, _ in (before, after))
     assert np.hypot(*record.acc_mps2).max() <= 1.5 * acc_max
     assert (np.hypot(*np.diff(record.vel_mps, axis=1)) / dt).max() <= 1.5 * acc_max
     assert (np.hypot(*np.diff(record.acc_mps2, axis=1)) / dt).max() <= 1.2 * before[0].shaping.jerk_max_mps3
@@ -299,6 +300,34 @@ def test_another_shaper_is_taken_without_a_jump(
     for _ in range(500):
         one, other = shaper.update(step, 0.01, None), fresh.shaper.update(step, 0.01, None)
         assert one.vel_mps == pytest.approx(other.vel_mps, abs=1e-6)
+
+
+@pytest.mark.parametrize("placed_first", [False, True])
+def test_a_change_keeps_velocity_and_acceleration_the_derivatives(placed_first: bool) -> None:
+    """Also where positions are asked for in the middle of it: the motion is then where the vehicle is, at its speed."""
+    shaper = Shaper(shaped(3.0), ShaperName.ZVD)
+    here, there = (50.0, 4.0), Target((0.0, 0.0), (58.0, 2.0))
+    if placed_first:
+        shaper.begin(Target((0.0, 0.0), here))
+    record = Record(shaper, 11, FINE_S)
+    record.follow(there if placed_first else NORTH, 1.4)
+    shaper.configure(shaped(1.2), ShaperName.ZVD)
+    record.follow(there if placed_first else NORTH, 1.1)
+    changed = len(record.motions)
+    record.follow(there, 25.0, here)
+    if not placed_first:
+        assert record.motions[changed].pos_m == pytest.approx(here, abs=0.02)
+    dt = np.diff(record.times)
+    for value, rate, begin in (
+        (record.pos_m, record.vel_mps, 0 if placed_first else changed),
+        (record.vel_mps, record.acc_mps2, 0),
+    ):
+        mean = 0.5 * (rate[:, 1:] + rate[:, :-1])
+        wrong = np.abs(np.diff(value, axis=1) / dt - mean)[:, begin:]
+        # In velocity the old and the new motion need not agree in place.
+        assert wrong.mean() < 2e-4
+        assert (wrong / dt[begin:]).max() <= 0.25 * 2.0 * 25.0
+    assert record.motions[-1].pos_m == pytest.approx(there.pos_m, abs=1e-9)
 
 
 def test_a_cruise_does_not_notice_a_longer_cable() -> None:
