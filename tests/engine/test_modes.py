@@ -150,7 +150,7 @@ def test_the_state_is_told_without_a_flood(taken_off: Flight) -> None:
     ]
     said = [text for _, _, text in flight.peer.companion.status_texts]
     assert [text for text in said if text.startswith("swingd")] == [text for text in told if text.startswith("swingd")]
-    assert any(text.startswith("COM_OBL_RC_ACT = 0") for text in said), "what is dangerous is told as well"
+    assert any(text.startswith("preflight: COM_OBL_RC_ACT is 0") for text in said), "what is dangerous is told as well"
     assert flight.t_s - flight.peer.companion.heartbeat_t_s < 1.1
     received_hz = len(flight.peer.companion.reports) / flight.t_s
     assert received_hz == pytest.approx(50.0, rel=0.1)
