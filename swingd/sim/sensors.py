@@ -1,7 +1,6 @@
 """What the simulated autopilot knows of itself: IMU, estimates with slow errors, battery."""
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import sqrt
 
@@ -85,7 +84,7 @@ class Sensors:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._normal = _normals(np.random.default_rng((simulation.seed, 2)))
+        self._normal = _Normals(np.random.default_rng((simulation.seed, 2)))
         self._bias = [simulation.acc_bias_mps2 * self._normal() for _ in range(3)]
         self._bias_learnt = list(self._bias)
         self._tilt = [simulation.attitude_noise_rad * self._normal() for _ in range(3)]
@@ -186,13 +185,19 @@ class Sensors:
         return (ow * n, ox * n, oy * n, oz * n)
 
 
-def _normals(generator: np.random.Generator) -> Callable[[], float]:
-    """Give standard normal numbers one by one; drawn in blocks, because a single draw costs fifty times as much."""
-    block: list[float] = []
+class _Normals:
+    """Gives standard normal numbers one by one; drawn in blocks, because a single draw costs fifty times as much.
 
-    def draw() -> float:
-        if not block:
-            block.extend(generator.standard_normal(_BLOCK).tolist())
-        return block.pop()
+    An object, so that the copy of a vehicle draws on its own.
+    """
 
-    return draw
+    __slots__ = ("_block", "_generator")
+
+    def __init__(self, generator: np.random.Generator) -> None:
+        self._generator = generator
+        self._block: list[float] = []
+
+    def __call__(self) -> float:
+        if not self._block:
+            self._block = self._generator.standard_normal(_BLOCK).tolist()
+        return self._block.pop()
