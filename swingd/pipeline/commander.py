@@ -13,7 +13,7 @@ from swingd.pipeline.correction import NO_PUSH, Correction, Push, turn
 from swingd.pipeline.envelope import Conditions, Fade, may_correct
 from swingd.pipeline.feed_forward import FeedForward
 from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S
-from swingd.pipeline.merge import Reference, is_correctable, merge, reference_of
+from swingd.pipeline.merge import Reference, carried, is_correctable, merge, reference_of
 from swingd.pipeline.payload_state import PayloadState
 from swingd.pipeline.reference import POSITION_AGE_MAX_S, HoldReference
 
@@ -38,6 +38,8 @@ class Situation:
     direction_rate_per_s: Vec2
     payload: PayloadState
     health: Health
+    taking_off: bool
+    """By the autopilot's own word."""
 
 
 class Commander:
@@ -218,6 +220,10 @@ class Commander:
         """Answer one filter step with the setpoint that is to be sent, if any."""
         self._stepped_s = self._t_mono_s
         mode = self._parameters.mode
+        if mode is Mode.HOLD and now.taking_off and self._kind is AutopilotKind.ARDUPILOT:
+            # Copter takes off in GUIDED, and the first setpoint would end that wherever the vehicle is.
+            self.drop()
+            return None
         allowed = not now.gap and may_correct(
             Conditions(mode, self._enabled, self._armed, self._flight_mode, now.payload, now.health, self._asked())
         )
@@ -269,7 +275,10 @@ class Commander:
         shaper, age_s = self._parameters.hold.shaper, 0.0
         setpoint = self._application.setpoint
         if self._parameters.mode is Mode.INLINE and setpoint is not None:
-            shaper, age_s = setpoint.shaper, self._t_mono_s - setpoint.t_mono_s
+            shaper = setpoint.shaper
+            if self._kind is not AutopilotKind.ARDUPILOT:
+                # An ArduPilot's has been carried to the present already.
+                age_s = self._t_mono_s - setpoint.t_mono_s
         position = self._position
         known = position is not None and self._t_mono_s - position.t_mono_s < POSITION_AGE_MAX_S
         return self._feed_forward.update(
@@ -288,7 +297,7 @@ class Commander:
         if setpoint is None or (fade <= 0.0 and not self._willing):
             self.drop()
             return None
-        return reference_of(setpoint)
+        return carried(reference_of(setpoint), self._t_mono_s - setpoint.t_mono_s, self._kind)
 
     def _hold_reference(self, now: Situation) -> Reference | None:
         if now.health is Health.READY and self._armed:

@@ -1,6 +1,7 @@
 """Where a correction enters a setpoint, as each autopilot understands setpoints."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from swingd.control.base import Vec2
 from swingd.model.events import AppSetpoint, AutopilotKind, SetpointUse, Vec3
@@ -80,6 +81,30 @@ def merge(reference: Reference, push: Push, kind: AutopilotKind) -> Reference:
     acc = (acc_n + push.acc_mps2[0], acc_e + push.acc_mps2[1], acc_d)
     use |= SetpointUse.ACC if whole else _ACC_XY
     return Reference(use, pos, vel, acc, reference.yaw_rad, reference.yaw_rate_radps)
+
+
+def carried(reference: Reference, age_s: float, kind: AutopilotKind) -> Reference:
+    """Move a reference on as the autopilot would have, had it got it ``age_s`` ago [s].
+
+    ArduPilot lets a target move by its own derivatives until the next one comes; one that is repeated as it was would
+    be held back. PX4 flies what it was given last as it stands.
+    """
+    use = reference.use
+    if kind is not AutopilotKind.ARDUPILOT:
+        return reference
+    pos, vel, yaw_rad = reference.pos_ned_m, reference.vel_ned_mps, reference.yaw_rad
+    acc = reference.acc_ned_mps2 if use & SetpointUse.ACC else _ZERO
+    if use & SetpointUse.VEL:
+        if use & SetpointUse.POS:
+            pos = _moved(pos, _moved(vel, acc, 0.5 * age_s), age_s)
+        vel = _moved(vel, acc, age_s)
+    if use & SetpointUse.YAW and use & SetpointUse.YAW_RATE:
+        yaw_rad = math.remainder(yaw_rad + reference.yaw_rate_radps * age_s, 2.0 * math.pi)
+    return replace(reference, pos_ned_m=pos, vel_ned_mps=vel, yaw_rad=yaw_rad)
+
+
+def _moved(vector: Vec3, rate: Vec3, dt_s: float) -> Vec3:
+    return vector[0] + rate[0] * dt_s, vector[1] + rate[1] * dt_s, vector[2] + rate[2] * dt_s
 
 
 def _added(vector: Vec3, horizontal: Vec2) -> Vec3:

@@ -394,6 +394,7 @@ class Pipeline:
                 direction_rate_per_s=(x_rate, y_rate),
                 payload=self._payload.state,
                 health=self._assessment.health,
+                taking_off=self._landed is LandedState.TAKING_OFF,
             )
         )
         actions: list[Action] = [setpoint] if setpoint is not None else []
