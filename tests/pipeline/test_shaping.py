@@ -330,6 +330,13 @@ def test_a_change_keeps_velocity_and_acceleration_the_derivatives(placed_first: 
     assert record.motions[-1].pos_m == pytest.approx(there.pos_m, abs=1e-9)
 
 
+def test_a_brisker_limit_waits_for_the_window_that_belongs_to_it() -> None:
+    shaper = Shaper(shaped(1.5, acc_max_mps2=1.0), ShaperName.NONE)
+    shaper.configure(shaped(1.5, acc_max_mps2=4.0), ShaperName.NONE)
+    record = Record(shaper, 2).follow(NORTH, 0.3).follow(Target((-3.0, 0.0)), 0.5)
+    assert np.hypot(*record.jerk_mps3).max() <= 1.05 * 25.0
+
+
 def test_a_cruise_does_not_notice_a_longer_cable() -> None:
     shaper = Shaper(shaped(1.5), ShaperName.ZV)
     record = Record(shaper).follow(NORTH, 8.0)
