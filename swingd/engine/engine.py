@@ -94,8 +94,8 @@ class Engine:
         Sees every action of the pipeline, with the host's time, before it becomes messages.
     log : EventLogWriter, optional
         Gets every input before it takes effect, and every frame of swingd's own that is answered.
-    signing : bool
-        Whether what leaves through the autopilot's port will be signed.
+    signing : bool, optional
+        Whether what leaves through the autopilot's port will be signed; by default where ``link.key_file`` names a key.
     on_set : callable, optional
         Gets all parameters and the one that a ground station has just set.
     """
@@ -105,7 +105,7 @@ class Engine:
         parameters: Parameters,
         on_action: Callable[[float, Action], None] | None = None,
         log: EventLogWriter | None = None,
-        signing: bool = False,
+        signing: bool | None = None,
         on_set: Callable[[Parameters, GroundParameter], None] | None = None,
     ) -> None:
         self.adapter = AutopilotAdapter(parameters.link, parameters.thrust)
@@ -116,7 +116,7 @@ class Engine:
         self._pipeline: Pipeline | None = None
         self._on_action = on_action
         self._log = log
-        self._signing = signing
+        self._signing = parameters.link.key_file != "none" if signing is None else signing
         self._on_set = on_set
         link = parameters.link
         self._parameter_server = ParameterServer(parameters, link.system_id or 1, link.component_id)
@@ -176,7 +176,7 @@ class Engine:
                 self.drops[Drop.ECHO] += 1
                 continue
             if autopilot_side:
-                if frame.signed and not self._signing:
+                if frame.signed and not self._signing and self._is_autopilot(frame):
                     self._demand_signing(t_mono_s, out)
             elif self._is_autopilot(frame):
                 self.drops[Drop.IMPERSONATION] += 1
@@ -308,7 +308,10 @@ class Engine:
             self._switch(t_mono_s, answer.switch, out)
         self._say(answer.messages, (port,), out)
         reply = self._parameter_server.handle(t_mono_s, frame)
-        self._say(reply.messages, self.router.ports, out)
+        for message in reply.messages:
+            # A value concerns everybody; an error only who asked.
+            is_value = message.get_msgId() == mavlink.MAVLINK_MSG_ID_PARAM_VALUE
+            self._say((message,), self.router.ports if is_value else (port,), out)
         if reply.changed is not None and reply.parameter is not None:
             self._change(t_mono_s, reply.changed, out)
             if self._on_set is not None:
