@@ -78,8 +78,7 @@ class Commander:
 
     def configure(self, parameters: Parameters) -> None:
         """Take other parameters; what is being commanded goes on, so that the vehicle does not jump."""
-        if parameters.control.enabled != self._parameters.control.enabled:
-            self._enabled = parameters.control.enabled
+        self._enabled = parameters.control.enabled
         if parameters.mode is not self._parameters.mode:
             self.drop()
         self._parameters = parameters

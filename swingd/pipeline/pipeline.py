@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -62,8 +63,8 @@ CLIMB_MPS = 0.2
 TEXT_EVERY_S = 1.0
 LANDED_FOR_S = 1.0
 """The land detector must say so for this long."""
-ESTIMATED_FROM = ("vehicle", "payload", "cable", "thrust", "estimator", "link")
-"""Groups of parameters that the estimate and the watch over its inputs are built from."""
+ESTIMATED_FROM = ("vehicle", "payload", "cable", "thrust", "estimator", "link.imu_rate_hz")
+"""Parameters that the estimate and the watch over its inputs are built from."""
 
 
 class Pipeline:
@@ -225,7 +226,8 @@ class Pipeline:
         """Take other parameters; the estimate begins anew only where it depends on them."""
         before, self._parameters = self._parameters, parameters
         self._commander.configure(parameters)
-        if all(getattr(before, group) == getattr(parameters, group) for group in ESTIMATED_FROM):
+        estimated_from = attrgetter(*ESTIMATED_FROM)
+        if estimated_from(before) == estimated_from(parameters):
             return [StatusText(Severity.NOTICE, "parameters changed")]
         self._build()
         return [StatusText(Severity.NOTICE, "parameters changed, the estimate begins anew")]

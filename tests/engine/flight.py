@@ -323,8 +323,10 @@ class Application:
     def __init__(self, flight: Flight, port: int | None, ids: tuple[int, int]) -> None:
         self._flight = flight
         self._codec = Codec(*ids)
-        self._port = port
+        self.port = port
         self._due_s = 0.0
+        self.seal: Callable[[bytes], bytes] = bytes
+        """Signs what it sends."""
         self.period_s = 0.05
         self.setpoint: Any = None
         """The message that is repeated; None for silence."""
@@ -336,17 +338,17 @@ class Application:
 
     def send(self, message: Any) -> bytes:
         """Send one message now; return its frame."""
-        data = self._codec.encode(message)
-        if self._port is None:
+        data = self.seal(self._codec.encode(message))
+        if self.port is None:
             self._flight.peer.receive(data)
         else:
-            self._flight.companion.application_sends(self._flight.t_s, self._port, data)
+            self._flight.companion.application_sends(self._flight.t_s, self.port, data)
         return data
 
     def heard(self) -> list[Frame]:
         """Return what has come through the endpoint since the last call."""
-        assert self._port is not None
-        waiting = self._flight.companion.to_applications[self._port]
+        assert self.port is not None
+        waiting = self._flight.companion.to_applications[self.port]
         frames = Framer().receive(b"".join(waiting))
         waiting.clear()
         return frames
