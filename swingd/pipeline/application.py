@@ -7,6 +7,8 @@ from swingd.model.events import AppSetpoint
 
 SLOWEST_S = 0.2
 """A stream with a longer mean interval is not corrected: 5 Hz."""
+JITTER_SHARE = 0.02
+"""By which it may be longer, so that an application of just 5 Hz is not taken for a slower one now and then."""
 REPEAT_MAX_S = 0.5
 REPEAT_INTERVALS = 3.0
 """A setpoint is repeated for this many of the stream's longest interval, at most `REPEAT_MAX_S`."""
@@ -86,7 +88,7 @@ class ApplicationStream:
 def _repeat_s(arrivals_s: list[float]) -> float:
     """Judge a stream by its arrivals; the longest interval counts, so that a jittering stream is not taken for dead."""
     intervals = len(arrivals_s) - 1
-    if intervals < ARRIVALS_MIN - 1 or arrivals_s[-1] - arrivals_s[0] > SLOWEST_S * intervals:
+    if intervals < ARRIVALS_MIN - 1 or arrivals_s[-1] - arrivals_s[0] > SLOWEST_S * (1.0 + JITTER_SHARE) * intervals:
         return 0.0
     longest_s = max(after - before for before, after in pairwise(arrivals_s))
     return min(REPEAT_MAX_S, REPEAT_INTERVALS * longest_s)
