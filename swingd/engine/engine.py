@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.engine.preflight import READ_IDS, Preflight
 from swingd.link.adapter import AutopilotAdapter
-from swingd.link.codec import Encoder, Frame
+from swingd.link.codec import ADDRESSED_IDS, Encoder, Frame
 from swingd.link.command_server import CommandServer, RcSwitch
 from swingd.link.parameter_server import ParameterServer
 from swingd.link.preflight.advice import AdviceSeverity
@@ -68,6 +68,8 @@ _SERVED_IDS = frozenset(
     }
 )
 """What swingd answers as a component of its own."""
+_CONCERNING_IDS = ADDRESSED_IDS | {mavlink.MAVLINK_MSG_ID_TIMESYNC}
+"""What may be for swingd, or must not pass; nothing else needs to be looked at."""
 
 
 class Drop(Enum):
@@ -98,6 +100,9 @@ class Engine:
         Whether what leaves through the autopilot's port will be signed; by default where ``link.key_file`` names a key.
     on_set : callable, optional
         Gets all parameters and the one that a ground station has just set.
+    on_passed : callable, optional
+        Gets what passes from the autopilot to the endpoints at once, so that nobody waits for the filter; `receive`
+        then returns only what remains.
     """
 
     def __init__(
@@ -107,6 +112,7 @@ class Engine:
         log: EventLogWriter | None = None,
         signing: bool | None = None,
         on_set: Callable[[Parameters, GroundParameter], None] | None = None,
+        on_passed: Callable[[list[Delivery]], None] | None = None,
     ) -> None:
         self.adapter = AutopilotAdapter(parameters.link, parameters.thrust)
         self.router = Router()
@@ -118,6 +124,7 @@ class Engine:
         self._log = log
         self._signing = parameters.link.key_file != "none" if signing is None else signing
         self._on_set = on_set
+        self._on_passed = on_passed
         link = parameters.link
         self._parameter_server = ParameterServer(parameters, link.system_id or 1, link.component_id)
         self._command_server = CommandServer(link.system_id or 1, link.component_id)
@@ -181,25 +188,35 @@ class Engine:
             elif self._is_autopilot(frame):
                 self.drops[Drop.IMPERSONATION] += 1
                 continue
-            if frame.msg_id in _SERVED_IDS:
-                self._serve(t_mono_s, port, frame, out)
-            if self._is_for_swingd(frame):
-                self.router.learn(port, frame)
-                if not autopilot_side:
-                    # A reference of mode hold; what comes from the autopilot's side is taken below.
-                    self._listen(t_mono_s, (frame,), out)
-                continue
-            if not autopilot_side and frame.msg_id in SETPOINT_IDS and self._is_met(t_mono_s, port, frame, out):
-                self.router.learn(port, frame)
-                continue
-            if frame.msg_id == mavlink.MAVLINK_MSG_ID_SETUP_SIGNING:
-                self.drops[Drop.SIGNING_KEY] += 1
+            # Most frames are telemetry: asking of each whether it is for swingd would cost more than to route it.
+            if frame.msg_id in _CONCERNING_IDS and self._keeps(t_mono_s, port, frame, out):
                 continue
             raw = frame.raw
             out += [(to, raw) for to in self.router.route(port, frame)]
         if autopilot_side:
+            if out and self._on_passed is not None:
+                self._on_passed(self._sent(t_mono_s, out))
+                out = []
             self._listen(t_mono_s, frames, out)
         return self._sent(t_mono_s, out)
+
+    def _keeps(self, t_mono_s: float, port: int, frame: Frame, out: list[Delivery]) -> bool:
+        """Serve a frame as far as it is swingd's business; return whether it is to go no further."""
+        if frame.msg_id in _SERVED_IDS:
+            self._serve(t_mono_s, port, frame, out)
+        if self._is_for_swingd(frame):
+            self.router.learn(port, frame)
+            if port != AUTOPILOT:
+                # A reference of mode hold; what comes from the autopilot's side is taken with the rest of it.
+                self._listen(t_mono_s, (frame,), out)
+            return True
+        if port != AUTOPILOT and frame.msg_id in SETPOINT_IDS and self._is_met(t_mono_s, port, frame, out):
+            self.router.learn(port, frame)
+            return True
+        if frame.msg_id == mavlink.MAVLINK_MSG_ID_SETUP_SIGNING:
+            self.drops[Drop.SIGNING_KEY] += 1
+            return True
+        return False
 
     def tick(self, t_mono_s: float) -> list[Delivery]:
         """Let time pass; to be called every `TICK_S`."""
@@ -354,7 +371,11 @@ class Engine:
 
     def _say(self, messages: Iterable[Any], ports: Sequence[int], out: list[Delivery]) -> None:
         for message in messages:
-            out += [(port, self._encoder(port).encode(message)) for port in ports]
+            frame = b""
+            for port in ports:
+                encoder = self._encoder(port)
+                frame = encoder.number(frame) if frame else encoder.encode(message)
+                out.append((port, frame))
 
     def _is_met(self, t_mono_s: float, port: int, frame: Frame, out: list[Delivery]) -> bool:
         """Whether a setpoint of an application is consumed; if not it passes as it came."""

@@ -23,6 +23,8 @@ CHECKSUM_BYTES = 2
 SIGNATURE_BYTES = 13
 FLAG_SIGNED = 0x01
 _PAYLOAD_MAX = 255
+_SEQUENCE_AT = 4
+"""Of a MAVLink 2 frame."""
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 
 
@@ -130,6 +132,8 @@ def _target_offsets(message_class: Any) -> tuple[int, int] | None:
 
 
 _TARGETS = {i: offsets for i, c in mavlink.mavlink_map.items() if (offsets := _target_offsets(c)) is not None}
+ADDRESSED_IDS = frozenset(_TARGETS)
+"""The messages that say for whom they are."""
 
 
 @dataclass(slots=True)
@@ -348,6 +352,20 @@ class Encoder:
         packer.seq = (packer.seq + 1) & 0xFF
         self.sent += 1
         return raw
+
+    def number(self, frame: bytes) -> bytes:
+        """Return what `encode` would of the same message: a tenth of the work where several receivers get it.
+
+        Parameters
+        ----------
+        frame : bytes
+            Packed by an `Encoder` of the same sender.
+        """
+        packer = self._packer
+        numbered = frame[:_SEQUENCE_AT] + bytes((packer.seq,)) + frame[_SEQUENCE_AT + 1 : -CHECKSUM_BYTES]
+        packer.seq = (packer.seq + 1) & 0xFF
+        self.sent += 1
+        return numbered + checksum(numbered, _CRC_EXTRA[frame[7] | frame[8] << 8 | frame[9] << 16])
 
 
 class Codec(Framer, Encoder):

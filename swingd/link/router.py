@@ -90,10 +90,12 @@ class Router:
 
     def route(self, port: int, frame: Frame) -> tuple[int, ...]:
         """Learn the sender of a frame that came through ``port``; return the ports that it goes to."""
-        if port not in self._sources:
+        sources = self._sources.get(port)
+        if sources is None:
             return ()
-        self.learn(port, frame)
         source = frame.system_id << 8 | frame.component_id
+        if source not in sources:
+            self.learn(port, frame)
         if source in self._several and self._is_repeated(frame):
             self.refusals[Refusal.LOOP] += 1
             return ()

@@ -85,7 +85,7 @@ class Daemon:
                 record, swingd.__version__, parameters_to_json(parameters), on_end=self._recording_ended
             )
         signing = links[0].key is not None
-        self._engine = Engine(parameters, self._see, self._event_log, signing, self._set)
+        self._engine = Engine(parameters, self._see, self._event_log, signing, self._set, self._pass)
         self._meter = Meter()
         self._stop = asyncio.Event()
         self._forwarded = asyncio.Event()
@@ -225,10 +225,7 @@ class Daemon:
     def _received(self, port: int, frames: list[Frame]) -> None:
         received_s = time.monotonic()
         self._setpoints_made = 0
-        deliveries = self._engine.receive(received_s, port, frames)
-        self._send(deliveries)
-        if deliveries and not self._forwarded.is_set():
-            self._forwarded.set()
+        self._pass(self._engine.receive(received_s, port, frames))
         if self._setpoints_made:
             # A busy host finds several IMU frames waiting; each of them has its setpoint.
             latency_s = time.monotonic() - received_s
@@ -238,6 +235,11 @@ class Daemon:
             self._known = True
             autopilot = self._engine.adapter.autopilot
             self._log.info("autopilot found", system_id=autopilot.system_id, kind=autopilot.kind.value)
+
+    def _pass(self, deliveries: list[Delivery]) -> None:
+        self._send(deliveries)
+        if deliveries and not self._forwarded.is_set():
+            self._forwarded.set()
 
     def _send(self, deliveries: list[Delivery]) -> None:
         if not deliveries:

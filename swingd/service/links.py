@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from swingd.link.codec import Frame
+from swingd.link.codec import Frame, cut_frames
 from swingd.link.port import Port, PortCounters
 from swingd.link.router import AUTOPILOT, port_of
 from swingd.link.signing import key_is_exposed, read_key
@@ -150,15 +150,17 @@ class Link:
         transport = self._transport
         if transport is None:
             return
+        # One datagram for what belongs together: a system call costs more than a frame.
+        sealed = self._template.seal(b"".join(frames))
+        if len(sealed) <= DATAGRAM_MAX_BYTES:
+            transport.send(sealed, peer)
+            return
         block: list[bytes] = []
         size = 0
-        for frame in frames:
-            sealed = self._template.seal(frame)
-            if size + len(sealed) > DATAGRAM_MAX_BYTES:
+        for frame in cut_frames(sealed):
+            if block and size + len(frame) > DATAGRAM_MAX_BYTES:
                 transport.send(b"".join(block), peer)
                 block, size = [], 0
-            block.append(sealed)
-            size += len(sealed)
-        if block:
-            # One datagram for what belongs together: a system call costs more than a frame.
-            transport.send(b"".join(block), peer)
+            block.append(frame)
+            size += len(frame)
+        transport.send(b"".join(block), peer)

@@ -190,6 +190,16 @@ def test_encode_numbers_its_frames_and_signs_with_its_ids():
     assert codec.sent == 259
 
 
+@settings(max_examples=20)
+@given(st.sampled_from([battery([16000]), px4_heartbeat(), mavlink.MAVLink_statustext_message(6, b"swingd")]))
+def test_a_packed_message_is_numbered_for_another_receiver_as_if_packed_for_it(message):
+    first, second, other = (Encoder(9, 191) for _ in range(3))
+    for _ in range(258):
+        assert other.number(first.encode(message)) == second.encode(message)
+        first.encode(message)
+    assert other.sent == second.sent
+
+
 def test_each_encoder_has_its_own_sequence():
     message = battery([16000])
     first, second = Encoder(1, 191), Encoder(1, 191)
