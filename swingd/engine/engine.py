@@ -311,7 +311,9 @@ class Engine:
             return
         for one in advice:
             if one.severity is AdviceSeverity.DANGER:
-                self._act(t_mono_s, StatusText(Severity.WARNING, f"preflight: {one.name} is {one.value}; {one.remedy}"), out)
+                self._act(
+                    t_mono_s, StatusText(Severity.WARNING, f"preflight: {one.name} is {one.value}; {one.remedy}"), out
+                )
         text = f"{len(advice)} findings in the autopilot's parameters; swingd doctor explains them"
         self._act(t_mono_s, StatusText(Severity.NOTICE, text), out)
 
