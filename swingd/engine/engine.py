@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
+from zlib import crc32
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -38,7 +39,7 @@ from swingd.model.events import (
     Tick,
     VoltageCompensation,
 )
-from swingd.model.ground_parameters import GroundParameter
+from swingd.model.ground_parameters import BY_NAME, GroundParameter
 from swingd.model.parameters import Mode, Parameters, ShaperName
 from swingd.record.event_log import EventLogWriter
 
@@ -51,6 +52,13 @@ TICK_S = 0.05
 _LATE_SHARE = 0.5
 """Of a report's period: the grid of reports is kept although filter steps jitter."""
 _HEARTBEAT_S = 1.0
+_ID_AT = 7
+_REPEATED_IDS = frozenset(
+    {mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED, mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY}
+)
+_SAID_KEPT = 1024
+"""Own frames whose checksums are kept, to know them when they come back."""
+_NAMESAKE_EVERY_S = 30.0
 _COMPONENT_AT = 6
 """Of a MAVLink 2 frame, as all of swingd's own are."""
 
@@ -120,6 +128,10 @@ class Engine:
         """Frames that were neither forwarded nor used, by reason."""
         self._parameters = parameters
         self._pipeline: Pipeline | None = None
+        self.failure: str | None = None
+        """What ended the pipeline; None while nothing has."""
+        self._said: deque[int] = deque(maxlen=_SAID_KEPT)
+        self._namesake_s = -_NAMESAKE_EVERY_S
         self._on_action = on_action
         self._log = log
         self._signing = parameters.link.key_file != "none" if signing is None else signing
@@ -180,8 +192,10 @@ class Engine:
         autopilot_side = port == AUTOPILOT
         for frame in frames:
             if self._is_own(frame):
-                self.drops[Drop.ECHO] += 1
-                continue
+                if crc32(frame.raw) in self._said:
+                    self.drops[Drop.ECHO] += 1
+                    continue
+                self._warn_of_namesake(t_mono_s, out)
             if autopilot_side:
                 if frame.signed and not self._signing and self._is_autopilot(frame):
                     self._demand_signing(t_mono_s, out)
@@ -225,7 +239,7 @@ class Engine:
         out: list[Delivery] = []
         if self._pipeline is None and t_mono_s - self._heartbeat_s >= _HEARTBEAT_S:
             self._heartbeat_s = t_mono_s
-            self._act(t_mono_s, Heartbeat(Health.INIT), out)
+            self._act(t_mono_s, Heartbeat(Health.INIT if self.failure is None else Health.FAULT), out)
         self._step(Tick(t_mono_s), out)
         for text in self._texts.tick(t_mono_s):
             self._say(self.adapter.messages(text), self.router.ports, out)
@@ -345,6 +359,8 @@ class Engine:
         """Enable or disable the correction; the ground station sees it in its parameter."""
         self._parameters = replace(self._parameters, control=replace(self._parameters.control, enabled=enabled))
         self._parameter_server.configure(self._parameters)
+        if self._on_set is not None:
+            self._on_set(self._parameters, BY_NAME["SWG_ENABLE"])
         self._step(CorrectionSwitch(t_mono_s, enabled), out)
 
     def _change(self, t_mono_s: float, parameters: Parameters, out: list[Delivery]) -> None:
@@ -357,8 +373,24 @@ class Engine:
     def _step(self, event: Event, out: list[Delivery]) -> None:
         if self._pipeline is None:
             return
-        for action in self._pipeline.step(event):
+        for action in self._run(event, out):
             self._act(event.t_mono_s, action, out)
+
+    def _run(self, event: Event, out: list[Delivery]) -> list[Action]:
+        """Return what the pipeline makes of an event; a fault in it ends the correction, never the forwarding."""
+        if self._pipeline is None:
+            return []
+        try:
+            return self._pipeline.step(event)
+        except Exception as error:
+            self._fail(event.t_mono_s, f"{type(error).__name__}: {error}", out)
+            return [PassSetpoint()]
+
+    def _fail(self, t_mono_s: float, reason: str, out: list[Delivery]) -> None:
+        self.failure = reason
+        self._pipeline = None
+        text = f"swingd fault: {reason}; everything passes uncorrected until it is started again"
+        self._act(t_mono_s, StatusText(Severity.CRITICAL, text), out)
 
     def _act(self, t_mono_s: float, action: Action, out: list[Delivery]) -> None:
         if self._on_action is not None:
@@ -369,7 +401,11 @@ class Engine:
             return
         ports = self.router.ports if isinstance(action, _TO_EVERYBODY) else (AUTOPILOT,)
         for said in self._texts.offer(t_mono_s, action) if isinstance(action, StatusText) else (action,):
-            self._say(self.adapter.messages(said), ports, out)
+            messages = self.adapter.messages(said)
+            self._say(messages, ports, out)
+            if not messages and isinstance(said, Setpoint):
+                # It stands for one of the application's, which has been consumed.
+                self._fail(t_mono_s, "a setpoint that cannot be sent", out)
 
     def _say(self, messages: Iterable[Any], ports: Sequence[int], out: list[Delivery]) -> None:
         for message in messages:
@@ -377,13 +413,14 @@ class Engine:
             for port in ports:
                 encoder = self._encoder(port)
                 frame = encoder.number(frame) if frame else encoder.encode(message)
+                self._said.append(crc32(frame))
                 out.append((port, frame))
 
     def _is_met(self, t_mono_s: float, port: int, frame: Frame, out: list[Delivery]) -> bool:
         """Whether a setpoint of an application is consumed; if not it passes as it came."""
         if (
             self._pipeline is None
-            or self._parameters.mode is not Mode.INLINE
+            or self._parameters.mode is Mode.SHADOW
             or self._signing_demanded
             or not self._is_for_autopilot(frame)
         ):
@@ -393,7 +430,7 @@ class Engine:
         if asked is None:
             return False
         passes = not isinstance(asked, AppSetpoint)
-        for action in self._pipeline.step(asked):
+        for action in self._run(asked, out):
             if isinstance(action, PassSetpoint):
                 passes = True
             else:
@@ -418,6 +455,15 @@ class Engine:
     @property
     def _system_id(self) -> int:
         return self.adapter.system_id
+
+    def _warn_of_namesake(self, t_mono_s: float, out: list[Delivery]) -> None:
+        """Somebody else speaks under swingd's name: it passes, but answers to it cannot be told apart."""
+        if t_mono_s - self._namesake_s < _NAMESAKE_EVERY_S:
+            return
+        self._namesake_s = t_mono_s
+        number = self._parameters.link.component_id
+        text = f"another component {number} of this system is there; set link.component_id of one of them"
+        self._act(t_mono_s, StatusText(Severity.WARNING, text), out)
 
     def _is_own(self, frame: Frame) -> bool:
         return frame.component_id == self._parameters.link.component_id and frame.system_id == self._system_id
@@ -455,6 +501,11 @@ class Engine:
                 if self.is_recorded(port, raw):
                     self._log.sent(port, t_mono_s, raw)
         return out
+
+    def is_repeated(self, raw: bytes) -> bool:
+        """Whether a frame for the autopilot is swingd's own and is said anew within hundredths of a second."""
+        own = raw[_COMPONENT_AT] == self._parameters.link.component_id
+        return own and raw[_ID_AT] | raw[_ID_AT + 1] << 8 in _REPEATED_IDS
 
     def is_recorded(self, port: int, raw: bytes) -> bool:
         """Whether a log keeps a frame that leaves: what passes to the endpoints follows from what was received."""

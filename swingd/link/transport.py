@@ -220,6 +220,11 @@ class _Peer(ABC):
     def name(self) -> str:
         """Address or device, for people."""
 
+    @property
+    def backlog_bytes(self) -> int:
+        """What has been sent and has not left yet, as far as it can be known."""
+        return 0
+
     @abstractmethod
     def send(self, data: bytes) -> None:
         """Send or drop; never calls the owner back."""
@@ -255,6 +260,11 @@ class Transport(ABC):
         """Address or device of a peer, for people; empty when it has gone."""
         present = self._peers.get(peer)
         return "" if present is None else present.name
+
+    def backlog_bytes(self, peer: int = 0) -> int:
+        """What has been sent to a peer and has not left yet, as far as it can be known; a datagram has left."""
+        present = self._peers.get(peer)
+        return 0 if present is None else present.backlog_bytes
 
     def send(self, data: bytes, peer: int = 0) -> None:
         """Send whole frames; never blocks nor raises. What cannot leave is dropped and counted, the oldest first."""
@@ -478,6 +488,15 @@ class _Channel(_Peer):
     @property
     def name(self) -> str:
         return self._name
+
+    @property
+    def backlog_bytes(self) -> int:
+        """The queue, and of a serial line the operating system's buffer."""
+        waiting = self._queued + len(self._begun)
+        if isinstance(self._handle, serial.Serial) and not self.lost.done():
+            with contextlib.suppress(OSError):
+                waiting += int(self._handle.out_waiting)
+        return waiting
 
     def _readable(self) -> None:
         try:

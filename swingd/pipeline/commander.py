@@ -8,7 +8,7 @@ from swingd.control.base import Vec2
 from swingd.model.actions import Action, Health, PassSetpoint, Setpoint, Severity, StatusText
 from swingd.model.events import AppSetpoint, AutopilotKind, AutopilotState, FlightMode, LocalPosition, UnmetSetpoint
 from swingd.model.parameters import Mode, Parameters
-from swingd.pipeline.application import ApplicationStream
+from swingd.pipeline.application import REPEAT_MAX_S, ApplicationStream
 from swingd.pipeline.correction import NO_PUSH, Correction, Push, turn
 from swingd.pipeline.envelope import Conditions, Fade, may_correct
 from swingd.pipeline.feed_forward import FeedForward
@@ -18,6 +18,11 @@ from swingd.pipeline.payload_state import PayloadState
 from swingd.pipeline.reference import POSITION_AGE_MAX_S, HoldReference
 
 TEXT_EVERY_S = 5.0
+STEADY_S = 1.0
+"""Before a meeting begins, filter steps must have come without a gap of `LATE_S` for this long: telemetry that comes in
+bursts would change hands many times a second."""
+APPLICATION_FOR_S = 0.5
+"""In mode `hold`: an application that has sent a setpoint within this time commands alone."""
 STREAM_LOST_S = 1.0
 """PX4's COM_OF_LOSS_T by default."""
 
@@ -73,6 +78,11 @@ class Commander:
         self._streaming = False
         self._streamed_s = -math.inf
         self._told_s = -math.inf
+        self._steady_since_s = math.inf
+        self._talked_s = -math.inf
+        self._unsent: AppSetpoint | None = None
+        """Consumed, and not sent yet."""
+        self._t_boot_s = 0.0
         self.push: Push = NO_PUSH
         """What the last step added, along north and east."""
 
@@ -118,6 +128,7 @@ class Commander:
         self._position = None
         self._hold.restarted()
         self._application.end()
+        self._unsent = None
         self.drop()
 
     def set_state(self, state: AutopilotState) -> None:
@@ -152,16 +163,18 @@ class Commander:
         if setpoint.source == 0:
             return self._take_reference(setpoint)
         if self._parameters.mode is not Mode.INLINE:
-            return [PassSetpoint()]
+            return [PassSetpoint(), *self._give_way()]
         application = self._application
         application.take(setpoint)
         if (self._willing or self._meeting) and self._t_mono_s - self._stepped_s < LATE_S and self._asked():
             if not self._meeting:
                 self._meeting = True
                 application.met()
+            self._unsent = setpoint
             return []
         if self._meeting:
             self.drop()
+        self._unsent = None  # what passes takes its place
         actions: list[Action] = [PassSetpoint()]
         if application.is_contested(self._t_mono_s) and self._may_tell():
             text = "two applications send setpoints: both pass uncorrected"
@@ -171,8 +184,19 @@ class Commander:
     def leave(self, _other: UnmetSetpoint) -> None:
         """The application asks for something that no correction meets: what it asked for before is void."""
         self._application.end()
+        self._unsent = None
         if self._meeting:
             self.drop()
+        self._give_way()
+
+    def _give_way(self) -> list[Action]:
+        """In mode `hold`: an application commands by itself, and two must not talk at a time."""
+        self._talked_s = self._t_mono_s
+        if self._parameters.mode is not Mode.HOLD or not self._may_tell():
+            return []
+        return [
+            StatusText(Severity.WARNING, "an application sends setpoints: mode hold is silent; inline corrects them")
+        ]
 
     def _take_reference(self, setpoint: AppSetpoint) -> list[Action]:
         if self._parameters.mode is not Mode.HOLD or self._hold.set(setpoint) or not self._may_tell():
@@ -189,7 +213,7 @@ class Commander:
     def _asked(self) -> bool:
         """Whether there is something to correct."""
         if self._parameters.mode is not Mode.INLINE:
-            return True
+            return self._t_mono_s - self._talked_s > APPLICATION_FOR_S
         setpoint = self._application.setpoint
         return (
             setpoint is not None
@@ -217,6 +241,24 @@ class Commander:
 
     def step(self, now: Situation) -> Setpoint | None:
         """Answer one filter step with the setpoint that is to be sent, if any."""
+        self._t_boot_s = now.t_boot_s
+        setpoint = self._step(now)
+        if setpoint is not None:
+            self._unsent = None
+        elif not self._meeting:
+            setpoint = self._owed()
+        return setpoint
+
+    def _owed(self) -> Setpoint | None:
+        """What was consumed and never sent, when the meeting has ended: as it was asked for."""
+        unsent, self._unsent = self._unsent, None
+        if unsent is None or self._t_mono_s - unsent.t_mono_s > REPEAT_MAX_S:
+            return None
+        return _setpoint(self._t_boot_s, reference_of(unsent))
+
+    def _step(self, now: Situation) -> Setpoint | None:
+        if self._t_mono_s - self._stepped_s > LATE_S:
+            self._steady_since_s = self._t_mono_s
         self._stepped_s = self._t_mono_s
         mode = self._parameters.mode
         if mode is Mode.HOLD and now.taking_off and self._kind is AutopilotKind.ARDUPILOT:
@@ -226,7 +268,7 @@ class Commander:
         allowed = not now.gap and may_correct(
             Conditions(mode, self._enabled, self._armed, self._flight_mode, now.payload, now.health, self._asked())
         )
-        self._willing = allowed
+        self._willing = allowed and self._t_mono_s - self._steady_since_s > STEADY_S
         if mode is Mode.INLINE:
             if not self._meeting:
                 self.push = NO_PUSH
@@ -248,16 +290,7 @@ class Commander:
         self.push = push.turned(now.yaw_rad - now.level_yaw_rad) if push is not NO_PUSH else push
         if reference is None:
             return None
-        merged = merge(reference, self.push, self._kind)
-        return Setpoint(
-            t_boot_s=now.t_boot_s,
-            use=merged.use,
-            pos_ned_m=merged.pos_ned_m,
-            vel_ned_mps=merged.vel_ned_mps,
-            acc_ned_mps2=merged.acc_ned_mps2,
-            yaw_rad=merged.yaw_rad,
-            yaw_rate_radps=merged.yaw_rate_radps,
-        )
+        return _setpoint(now.t_boot_s, merge(reference, self.push, self._kind))
 
     def _wanted(self, now: Situation) -> Vec2:
         """What the law asks for, in the level frame; it sees the swing in the heading frame.
@@ -306,12 +339,27 @@ class Commander:
             self._streaming = False
         if not self._streaming or now.health is Health.FAULT or self._parameters.mode is not Mode.HOLD:
             return None
+        if not self._asked():
+            return None
         self._streamed_s = self._t_mono_s
         return self._hold.at(self._t_mono_s, self._flight_mode, now.yaw_rad, self._kind)
 
-    def tick(self, health: Health) -> None:
+    def tick(self, health: Health) -> Setpoint | None:
         """Notice what does not happen any more."""
         late = self._t_mono_s - self._stepped_s > LATE_S
         if health is Health.FAULT or (self._meeting and late):
             # No setpoint of swingd's leaves any more: there is nothing to fade.
             self.drop()
+        return None if self._meeting else self._owed()
+
+
+def _setpoint(t_boot_s: float, reference: Reference) -> Setpoint:
+    return Setpoint(
+        t_boot_s=t_boot_s,
+        use=reference.use,
+        pos_ned_m=reference.pos_ned_m,
+        vel_ned_mps=reference.vel_ned_mps,
+        acc_ned_mps2=reference.acc_ned_mps2,
+        yaw_rad=reference.yaw_rad,
+        yaw_rate_radps=reference.yaw_rate_radps,
+    )

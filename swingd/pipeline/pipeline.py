@@ -86,6 +86,7 @@ class Pipeline:
         self._parameters = parameters
         self._compensated = False
         self._commander = Commander(parameters)
+        self._attitude = AttitudeTracker()
         self._build()
 
     def _build(self) -> None:
@@ -96,7 +97,6 @@ class Pipeline:
         """
         parameters = self._parameters
         self._sampler = ImuSampler(parameters.estimator.rate_hz)
-        self._attitude = AttitudeTracker()
         self._thrust = ThrustModel(parameters)
         self._thrust.compensated = self._compensated
         self._calibration = ScaleCalibration(parameters)
@@ -437,8 +437,8 @@ class Pipeline:
     def _tick(self) -> list[Action]:
         now_s = self._t_mono_s
         self._assess()
-        self._commander.tick(self._assessment.health)
-        actions: list[Action] = []
+        owed = self._commander.tick(self._assessment.health)
+        actions: list[Action] = [owed] if owed is not None else []
         if self._state_s is not None:
             # Before the autopilot's first HEARTBEAT there is nobody to ask.
             actions += self._streams.tick(now_s, bool(self._armed))

@@ -8,6 +8,8 @@ import asyncio
 import contextlib
 import gc
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections import defaultdict
@@ -24,6 +26,7 @@ from swingd.link.router import AUTOPILOT, endpoint_of, peer_of
 from swingd.link.transport import TransportState
 from swingd.link.url import SerialPort
 from swingd.model.actions import Action, Setpoint, StatusText, SwingReport
+from swingd.model.errors import LinkOpenError
 from swingd.model.ground_parameters import GroundParameter
 from swingd.model.host import LinkKind
 from swingd.model.parameters import Mode, Parameters
@@ -35,6 +38,9 @@ from swingd.service.state import StateFile
 
 LOG_FLUSH_S = 1.0
 HOST_STATUS_S = 1.0
+ENDPOINT_RETRY_S = 3.0
+BACKLOG_MAX_BYTES = 256
+"""On the way to the autopilot: beyond it what is soon said again is left out, so that nothing waits for long."""
 LOAD_AFTER_S = 0.5
 """The filter is loaded once the first frame has been forwarded, or after this time without any."""
 GARBAGE_THRESHOLD = 50_000
@@ -98,14 +104,14 @@ class Daemon:
         Raises
         ------
         LinkOpenError
-            If a link cannot be opened.
+            If the link to the autopilot cannot be opened; an endpoint is tried again until it can.
         """
         loop = asyncio.get_running_loop()
         handled = []
         tasks: list[asyncio.Task[None]] = []
         try:
-            for link in self._links:
-                await link.open()
+            await self._links[0].open()
+            retried = [task for link in self._links[1:] if (task := await self._open_endpoint(link)) is not None]
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
                 # Outside of the main thread the host has its own way to stop.
                 with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
@@ -114,7 +120,7 @@ class Daemon:
             self._announce()
             if on_ready is not None:
                 on_ready()
-            tasks = [asyncio.create_task(self._load()), asyncio.create_task(self._report_host())]
+            tasks = [*retried, asyncio.create_task(self._load()), asyncio.create_task(self._report_host())]
             await self._tick_until_stopped()
         finally:
             for number in handled:
@@ -136,6 +142,22 @@ class Daemon:
     def stop(self) -> None:
         """End `run`."""
         self._stop.set()
+
+    async def _open_endpoint(self, link: Link) -> "asyncio.Task[None] | None":
+        """Open an endpoint; one that cannot be opened is tried again, because the others must not wait for it."""
+        try:
+            await link.open()
+        except LinkOpenError as error:
+            self._log.error(f"{error}; trying again", link=link.settings.name)
+            return asyncio.create_task(self._retry(link))
+        return None
+
+    async def _retry(self, link: Link) -> None:
+        while True:
+            await asyncio.sleep(ENDPOINT_RETRY_S)
+            with contextlib.suppress(LinkOpenError):
+                await link.open()
+                return
 
     # ---- start
 
@@ -186,7 +208,6 @@ class Daemon:
         self._engine.join(time.monotonic())
         self._log.info("estimating")
         # What was loaded at the start stays: the collector need not walk through it while a setpoint is due.
-        gc.collect()
         gc.freeze()
         gc.set_threshold(GARBAGE_THRESHOLD)
 
@@ -249,6 +270,10 @@ class Daemon:
             by_port[port].append(frame)
         for port, frames in by_port.items():
             if port == AUTOPILOT:
+                if self._links[0].backlog_bytes > BACKLOG_MAX_BYTES:
+                    kept = [frame for frame in frames if not self._engine.is_repeated(frame)]
+                    self._meter.left_out += len(frames) - len(kept)
+                    frames = kept
                 self._links[0].send(0, frames)
             else:
                 self._links[endpoint_of(port) + 1].send(peer_of(port), frames)
@@ -301,6 +326,8 @@ def _import_filter(log: Log) -> None:
 
     if not is_compiled():
         log.info("compiling the filter, once for this version: some twenty seconds")
+        # In a process of its own: a compiler in this one would hold up what is forwarded.
+        subprocess.run([sys.executable, "-c", "import swingd.pipeline"], check=False, stdin=subprocess.DEVNULL)
     import swingd.pipeline  # noqa: F401
 
 

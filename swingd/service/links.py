@@ -125,6 +125,11 @@ class Link:
             return 0, 0
         return self._transport.counters.bytes_out, self._transport.counters.bytes_in
 
+    @property
+    def backlog_bytes(self) -> int:
+        """What waits for the one peer of the autopilot's side."""
+        return 0 if self._transport is None else self._transport.backlog_bytes()
+
     def _number(self, peer: int) -> int:
         endpoint = self.settings.endpoint
         return AUTOPILOT if endpoint is None else port_of(endpoint, peer)

@@ -25,6 +25,8 @@ class Summary:
     """Filter steps over the autopilot's time, the last 4096 of them."""
     forwarded: int
     """Frames passed on, once for each port that they left through."""
+    left_out: int
+    """Own setpoints and reports that a slow line to the autopilot had no room for."""
     setpoints: int
     latency_ms_p50: float | None
     """From the arrival of the bytes that hold an IMU frame to the setpoint's handing to the socket."""
@@ -42,6 +44,7 @@ class Meter:
         self._setpoints = 0
         self._steps = 0
         self.forwarded = 0
+        self.left_out = 0
         self._stamps_s: deque[float] = deque(maxlen=STAMPS_KEPT)
         self._begun_s: float | None = None
         self._cpu_begun_s = 0.0
@@ -75,6 +78,7 @@ class Meter:
             filter_steps=self._steps,
             filter_hz=(len(stamps_s) - 1) / span_s if span_s > 0.0 else 0.0,
             forwarded=self.forwarded,
+            left_out=self.left_out,
             setpoints=self._setpoints,
             latency_ms_p50=_quantile(latencies_ms, 0.5),
             latency_ms_p99=_quantile(latencies_ms, 0.99),

@@ -221,6 +221,7 @@ class Flight:
         return answer
 
     def _check(self, answer: bytes) -> None:
+        assert self.engine.failure is None, self.engine.failure
         for frame in self._checker.receive(answer):
             self.frames_sent += 1
             if frame.component_id != OWN_COMPONENT_ID:

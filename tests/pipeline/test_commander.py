@@ -20,7 +20,7 @@ from swingd.model.events import (
     Vec3,
 )
 from swingd.model.parameters import Mode, Parameters
-from swingd.pipeline.commander import STREAM_LOST_S, TEXT_EVERY_S, Commander, Situation
+from swingd.pipeline.commander import APPLICATION_FOR_S, STEADY_S, STREAM_LOST_S, TEXT_EVERY_S, Commander, Situation
 from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S
 from swingd.pipeline.payload_state import PayloadState
 
@@ -55,6 +55,16 @@ class Bench:
         self.passed: list[float] = []
         self.sent: list[tuple[float, Setpoint]] = []
         self.texts: list[tuple[float, str]] = []
+        self._warm_up()
+
+    def _warm_up(self) -> None:
+        """Let the filter have been stepping for long, before ``t_s``."""
+        begin_s, ask, situation = self.t_s, self.ask, self.situation
+        self.ask, self.situation = False, {"health": Health.INIT}
+        self.t_s -= 2.0 * STEADY_S
+        while self.t_s < begin_s - 0.5 * DT_S:
+            self.step()
+        self.t_s, self.ask, self.situation, self._beat_s = begin_s, ask, situation, -math.inf
 
     def take(self, **changes: Any) -> list[Action]:
         """Take one setpoint of the application."""
@@ -341,11 +351,39 @@ def holding() -> Bench:
     return bench
 
 
-def test_in_hold_the_stream_is_swingds_own_and_applications_pass() -> None:
+def test_in_hold_the_stream_is_swingds_own_until_an_application_talks() -> None:
     bench = holding().run(1.0)
     assert len(bench.sent) == 100
-    assert bench.take() == PASSED
-    assert len(bench.run(0.1).sent) == 10
+    passes, told = bench.take()
+    assert passes == PassSetpoint()
+    assert "mode hold is silent" in told.text
+    assert bench.run(APPLICATION_FOR_S - 0.02).sent == [], "two never talk at a time"
+    assert len(bench.run(0.2).sent) == pytest.approx(20, abs=3), "and it goes on when the application has ended"
+
+
+def test_what_was_consumed_and_never_sent_goes_out_when_steps_stop() -> None:
+    """GIVEN a setpoint that was met WHEN no filter step comes any more THEN it leaves as it was asked for."""
+    bench = meeting()
+    bench.t_s += 0.02
+    bench.commander.advance_clock(bench.t_s)
+    assert bench.take(vel_ned_mps=(1.5, 0.5, 0.0)) == []
+    bench.t_s += LATE_S + 0.01
+    bench.commander.advance_clock(bench.t_s)
+    owed = bench.commander.tick(Health.READY)
+    assert owed is not None
+    assert (owed.use, owed.vel_ned_mps) == (VELOCITY, (1.5, 0.5, 0.0))
+    assert bench.commander.tick(Health.READY) is None, "once"
+
+
+def test_telemetry_in_bursts_changes_no_hands() -> None:
+    bench = Bench()
+    for _ in range(30):
+        bench.t_s += LATE_S + 0.05
+        bench.take()
+        for _ in range(15):
+            bench.step()
+            bench.t_s -= DT_S  # the whole burst arrives at once
+    assert bench.sent == []
 
 
 @pytest.mark.parametrize(
