@@ -22,8 +22,9 @@ demo: $(STAMP)  ## fly a simulated PX4 with a slung load, correction off, then o
 	@mkdir -p out
 	$(BIN)/swingd demo -c configs/demo.yaml -o out/demo.png
 
-test: $(STAMP)  ## the whole test suite
-	$(BIN)/python -m pytest
+test: $(STAMP)  ## the whole test suite: what runs in virtual time on all cores, what runs in real time alone
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not live"
+	$(BIN)/python -m pytest -m live
 
 check: $(STAMP)  ## style, types and the contract of the rooms
 	$(BIN)/ruff check .
