@@ -141,15 +141,16 @@ class StateFile:
         self._begin(self._content())
 
     def close(self, timeout_s: float = 2.0) -> None:
-        """Wait until what was stored is written; once more try what could not be."""
-        with self._lock:
-            text, writer = self._text, self._writer
-        if text is not None and writer is None:
-            self._begin(text)
-        with self._lock:
-            writer = self._writer
-        if writer is not None:
-            writer.join(timeout_s)
+        """Wait until what was stored is written; once more try what could not be, were it while this waits."""
+        for _ in range(2):
+            with self._lock:
+                text, writer = self._text, self._writer
+            if text is not None and writer is None:
+                self._begin(text)
+            with self._lock:
+                writer = self._writer
+            if writer is not None:
+                writer.join(timeout_s)
 
     # -------------------------------------------------------------------------------------------------- reading
 
