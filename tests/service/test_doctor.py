@@ -349,7 +349,8 @@ async def test_garbage_between_frames_is_counted() -> None:
     async with flying(parameters, peer):
         diagnosis = await examine(parameters, SECONDS)
     assert diagnosis.link.garbage_bytes == pytest.approx(12 * diagnosis.link.frames, rel=0.02)
-    assert diagnosis.link.lost_frames == 0
+    # One false start in 256 has a checksum that some unknown message could have, and takes what follows with it.
+    assert diagnosis.link.lost_frames < 0.01 * diagnosis.link.frames
     assert [finding.name for finding in diagnosis.findings] == ["link"]
     assert diagnosis.ready
 
