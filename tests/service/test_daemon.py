@@ -103,7 +103,7 @@ def judge(summary: Summary, peer: SimulatedAutopilot) -> None:
     assert abs(peer.companion.setpoints - summary.setpoints) < 20, "but for what was on its way at the end"
     assert peer.companion.setpoints_refused == 0
     texts = [text for _, _, text in peer.companion.status_texts]
-    assert texts[0] == "swingd init: vehicle on ground"
+    assert "swingd init: vehicle on ground" in texts
     assert summary.latency_ms_p50 is not None
     assert 0.0 < summary.latency_ms_p50 < 30.0
     reports = peer.companion.reports
