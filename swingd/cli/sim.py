@@ -52,6 +52,7 @@ def sim(
     process.check_output(truth, "--truth", (config,))
     process.announce_compilation()
     process.end_on_signals()
+    from swingd.sim.outlets import Outside
     from swingd.sim.run import run_simulation
 
     simulation = parameters.simulation
@@ -62,6 +63,6 @@ def sim(
     )
     with asyncio.Runner(loop_factory=process.event_loop_factory()) as runner:
         try:
-            runner.run(run_simulation(parameters, truth_file=truth, duration_s=duration_s))
+            runner.run(run_simulation(parameters, outside=Outside(truth_file=truth), duration_s=duration_s))
         except KeyboardInterrupt:
             typer.echo("stopped", err=True)

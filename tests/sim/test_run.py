@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from swingd.link.codec import Codec
 from swingd.model.errors import LinkOpenError, LinkUrlError
 from swingd.model.parameters import Parameters
+from swingd.sim.outlets import Outside
 from swingd.sim.peer import SimulatedAutopilot
 from swingd.sim.run import run_simulation
 from swingd.sim.truth import COLUMNS, truth_row
@@ -131,7 +132,7 @@ async def test_a_stall_is_not_followed_by_a_burst(client: Client) -> None:
 async def test_the_truth_is_written_and_the_end_is_clean(client: Client, tmp_path: Path) -> None:
     path = tmp_path / "truth.csv"
     parameters = on_link(iris(), client.url, speed=10.0)
-    peer = await run_simulation(parameters, truth_file=path, duration_s=3.0)
+    peer = await run_simulation(parameters, outside=Outside(truth_file=path), duration_s=3.0)
     assert peer.t_s == pytest.approx(3.0, abs=0.005)
     with path.open() as file:
         rows = list(csv.DictReader(file))
