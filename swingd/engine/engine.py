@@ -470,11 +470,7 @@ class Engine:
 
     def _is_autopilot(self, frame: Frame) -> bool:
         autopilot = self.adapter.autopilot
-        return (
-            autopilot is not None
-            and frame.system_id == autopilot.system_id
-            and frame.component_id == autopilot.component_id
-        )
+        return autopilot is not None and autopilot.is_sender_of(frame)
 
     def _is_for_autopilot(self, frame: Frame) -> bool:
         return frame.target_system in (0, self._system_id) and frame.target_component in (

@@ -95,6 +95,10 @@ class AutopilotId:
     component_id: int
     kind: AutopilotKind
 
+    def is_sender_of(self, frame: Frame) -> bool:
+        """Whether a frame comes from this autopilot itself, not from another component of its system."""
+        return frame.system_id == self.system_id and frame.component_id == self.component_id
+
 
 class AutopilotAdapter:
     """Turns received frames into events and actions into messages.
@@ -180,11 +184,7 @@ class AutopilotAdapter:
             if frame.msg_id == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 if autopilot is not None:
                     self._reference(t_mono_s, frame, events)
-            elif (
-                autopilot is not None
-                and frame.system_id == autopilot.system_id
-                and frame.component_id == autopilot.component_id
-            ):
+            elif autopilot is not None and autopilot.is_sender_of(frame):
                 self._requests.heard(frame.msg_id)
                 if handler is None:
                     self._telemetry.take(t_mono_s, frame, events)

@@ -146,10 +146,7 @@ class Examination:
                 self._running = True
             elif message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
                 self._autopilots.add(frame.system_id)
-        if autopilot is None or (frame.system_id, frame.component_id) != (
-            autopilot.system_id,
-            autopilot.component_id,
-        ):
+        if autopilot is None or not autopilot.is_sender_of(frame):
             return
         self._by_message[frame.msg_id] += 1
         self._signed |= frame.signed
