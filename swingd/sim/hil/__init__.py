@@ -1,0 +1,1 @@
+"""The simulated vehicle and load behind a real autopilot: its external simulator."""
