@@ -1,7 +1,7 @@
 """Truth of the simulator: a rigid quadrotor and a point load on an elastic cable that can go slack.
 
 On purpose another model than the filter's: the filter knows a rigid cable and two point masses, this one a spring with
-damping that only pulls, a body with inertia and four rotors that lag, ground under both, and air that moves.
+damping that only pulls, a winch, a body with inertia and four rotors that lag, ground under both, and air that moves.
 """
 
 from enum import IntEnum
@@ -34,7 +34,9 @@ class PlantState(IntEnum):
     """ned, 3."""
     LOAD_VEL = 20
     """ned, 3."""
-    SIZE = 23
+    CABLE_LENGTH = 23
+    """Unstretched, from the hook to the load's centre of mass [m]."""
+    SIZE = 24
 
 
 class PlantInput(IntEnum):
@@ -48,7 +50,9 @@ class PlantInput(IntEnum):
     """1 while the cable connects both bodies, else 0."""
     WIND = 6
     """Velocity of the air, ned, 3."""
-    SIZE = 9
+    CABLE_RATE = 9
+    """What a winch adds to the unstretched cable [m/s]."""
+    SIZE = 10
 
 
 class PlantOutput(IntEnum):
@@ -96,18 +100,17 @@ class PlantParam(IntEnum):
     LOAD_MASS = 31
     LOAD_DRAG = 32
     """Half of the air density times drag coefficient times area [N/(m/s)^2]."""
-    CABLE_LENGTH = 33
-    CABLE_STIFFNESS = 34
-    CABLE_DAMPING = 35
-    GROUND_DOWN = 36
+    CABLE_STIFFNESS = 33
+    CABLE_DAMPING = 34
+    GROUND_DOWN = 35
     """Down coordinate of the ground [m]."""
-    LEG = 37
+    LEG = 36
     """Height of the CG over the feet [m]; the feet are under the rotors."""
-    GROUND_FREQUENCY = 38
+    GROUND_FREQUENCY = 37
     """Of each body's bounce on the springs under it [rad/s]."""
-    GROUND_FRICTION = 39
+    GROUND_FRICTION = 38
     """Coulomb coefficient."""
-    SIZE = 40
+    SIZE = 39
 
 
 _S = PlantState
@@ -201,7 +204,7 @@ def slung_plant_derivative(x_dot: Vector, y: Vector, x: Vector, u: Vector, p: Ve
         ce = x[_S.LOAD_POS + 1] - x[_S.POS + 1] - (r10 * hx + r11 * hy + r12 * hz)
         cd = x[_S.LOAD_POS + 2] - x[_S.POS + 2] - (r20 * hx + r21 * hy + r22 * hz)
         length = sqrt(cn * cn + ce * ce + cd * cd)
-        stretch = length - p[_P.CABLE_LENGTH]
+        stretch = length - x[_S.CABLE_LENGTH]
         if stretch > 0.0:
             cn, ce, cd = cn / length, ce / length, cd / length
             bx, by, bz = wy * hz - wz * hy, wz * hx - wx * hz, wx * hy - wy * hx
@@ -209,6 +212,7 @@ def slung_plant_derivative(x_dot: Vector, y: Vector, x: Vector, u: Vector, p: Ve
                 cn * (ln - vn - (r00 * bx + r01 * by + r02 * bz))
                 + ce * (le - ve - (r10 * bx + r11 * by + r12 * bz))
                 + cd * (ld - vd - (r20 * bx + r21 * by + r22 * bz))
+                - u[_U.CABLE_RATE]
             )
             tension = max(0.0, p[_P.CABLE_STIFFNESS] * stretch + p[_P.CABLE_DAMPING] * speed)
             tn, te, td = tension * cn, tension * ce, tension * cd
@@ -267,6 +271,7 @@ def slung_plant_derivative(x_dot: Vector, y: Vector, x: Vector, u: Vector, p: Ve
     x_dot[_S.LOAD_VEL] = gn / load_mass
     x_dot[_S.LOAD_VEL + 1] = ge / load_mass
     x_dot[_S.LOAD_VEL + 2] = gd / load_mass + GRAVITY
+    x_dot[_S.CABLE_LENGTH] = u[_U.CABLE_RATE]
 
     y[_Y.TENSION] = tension
     y[_Y.THRUST] = thrust

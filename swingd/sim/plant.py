@@ -1,7 +1,7 @@
 """The simulated vehicle, cable and load: the truth."""
 
-from dataclasses import dataclass
-from math import asin, atan2, ceil, cos, hypot, nan, sin, sqrt
+from dataclasses import dataclass, fields, replace
+from math import asin, atan2, ceil, copysign, cos, hypot, nan, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from swingd.core.slung_plant import (
 )
 from swingd.model.errors import ConfigurationError
 from swingd.model.events import Vec3
-from swingd.model.parameters import Parameters
+from swingd.model.parameters import Cable, Parameters, Payload, Simulation
 
 Quaternion = tuple[float, float, float, float]
 Rotors = tuple[float, float, float, float]
@@ -28,6 +28,12 @@ LEG_M = 0.10
 """Height of the vehicle's CG over the ground at rest; the ground is this much under the local origin."""
 YAW_MOMENT_M = 0.06
 """Drag moment of a rotor over its thrust."""
+WINCH_MPS = 1.0
+"""Speed at which the cable's length is changed."""
+WINCH_MPS2 = 1.0
+"""Acceleration to and from that speed: a tenth of g, so that the cable stays taut."""
+KICK_MAX_MPS = 30.0
+"""Largest component of a kick."""
 
 _SUBSTEPS_MIN = 4
 _SUBSTEPS_MAX = 200
@@ -76,6 +82,9 @@ class Truth:
     attached: bool
     taut: bool
     grounded: bool
+    load_mass_kg: float
+    cable_length_m: float
+    """Unstretched."""
 
 
 class Plant:
@@ -98,23 +107,26 @@ class Plant:
     """
 
     def __init__(self, parameters: Parameters) -> None:
-        vehicle, simulation = parameters.vehicle, parameters.simulation
-        self._thrust = parameters.thrust
-        self._simulation = simulation
-        self._length_m = parameters.cable.length_m
-        self._hook = vehicle.hook_frd_m
+        simulation, length_m = parameters.simulation, parameters.cable.length_m
+        self._parameters = parameters
+        self._hook = parameters.vehicle.hook_frd_m
         self._p = _pack(parameters)
         self._substeps = _substeps(parameters)
-        self._random = np.random.default_rng((simulation.seed, 1))
+        self._wind = simulation.wind_ned_mps
+        self._gust_std_mps = simulation.gust_std_mps
+        self._gust_time_s = simulation.gust_time_constant_s
+        self._random = _gust_generator(simulation.seed)
         self._gust = [0.0, 0.0]
+        self._winch_target_m: float | None = None
         self._x = np.zeros(PlantState.SIZE)
         self._y = np.zeros(PlantOutput.SIZE)
         self._u = np.zeros(PlantInput.SIZE)
         self._x[PlantState.QUAT] = 1.0
         # On its springs the vehicle sinks by g / w0^2.
         self._x[PlantState.POS + 2] = GRAVITY / _GROUND_FREQUENCY_RADPS**2
-        self._x[PlantState.LOAD_POS] = min(0.3, 0.5 * self._length_m)
+        self._x[PlantState.LOAD_POS] = min(0.3, 0.5 * length_m)
         self._x[PlantState.LOAD_POS + 2] = LEG_M + GRAVITY / _GROUND_FREQUENCY_RADPS**2
+        self._x[PlantState.CABLE_LENGTH] = length_m
         self._u[PlantInput.ATTACHED] = 1.0
         self._u[PlantInput.WIND : PlantInput.WIND + 3] = simulation.wind_ned_mps
         self._t_s = 0.0
@@ -135,6 +147,36 @@ class Plant:
         """Whether the load hangs on the cable."""
         return bool(self._u[PlantInput.ATTACHED] > 0.5)
 
+    @property
+    def load_mass_kg(self) -> float:
+        """Mass of the load [kg]."""
+        return float(self._p[PlantParam.LOAD_MASS])
+
+    @property
+    def cable_length_m(self) -> float:
+        """Unstretched length of the cable at present [m]."""
+        return self.state[PlantState.CABLE_LENGTH]
+
+    @property
+    def cable_target_m(self) -> float:
+        """Length that the winch works towards, or has reached [m]."""
+        return self.cable_length_m if self._winch_target_m is None else self._winch_target_m
+
+    @property
+    def mean_wind_ned_mps(self) -> Vec3:
+        """Wind without its gusts [m/s]."""
+        return self._wind
+
+    @property
+    def gust_std_mps(self) -> float:
+        """Deviation of the gusts on each horizontal axis [m/s]."""
+        return self._gust_std_mps
+
+    @property
+    def gust_time_constant_s(self) -> float:
+        """Correlation time of the gusts [s]."""
+        return self._gust_time_s
+
     def step(self, rotor_commands: Rotors, voltage_v: float, *, spinning: bool) -> None:
         """Advance by `DT_S`.
 
@@ -148,12 +190,14 @@ class Plant:
             False stops the rotors whatever is commanded.
         """
         u = self._u
-        thrust = self._thrust
+        thrust, simulation = self._parameters.thrust, self._parameters.simulation
         u[0], u[1], u[2], u[3] = rotor_commands
-        factor = self._simulation.thrust_factor * (voltage_v / thrust.voltage_nominal_v) ** thrust.voltage_exponent
+        factor = simulation.thrust_factor * (voltage_v / thrust.voltage_nominal_v) ** thrust.voltage_exponent
         u[PlantInput.THRUST_FACTOR] = factor if spinning else 0.0
-        if self._simulation.gust_std_mps > 0.0:
+        if self._gust_std_mps > 0.0:
             self._blow()
+        if self._winch_target_m is not None:
+            self._wind_cable(self._winch_target_m)
         slung_plant_step(self._x, self._y, u, self._p, DT_S, self._substeps)
         self._steps += 1
         self._t_s = self._steps * DT_S
@@ -161,13 +205,132 @@ class Plant:
         self.output = self._y.tolist()
 
     def release(self) -> None:
-        """Let the load go; it never comes back."""
+        """Let the load go; it falls and stays behind until `hook`."""
         self._u[PlantInput.ATTACHED] = 0.0
 
+    def hook(self) -> None:
+        """Hang the load on the cable at once: straight under the hook, moving with it, the cable taut by its weight.
+
+        Where the ground is nearer than that, it lies on the ground under the hook, at rest, with a slack cable. A load
+        that hangs already is brought to rest in the same way.
+        """
+        s, p, x = PlantState, self._p, self._x
+        hook = self._hook
+        rotation = rotation_matrix(*x[s.QUAT : s.QUAT + 4].tolist())
+        arm_rate = cross((x[s.RATE], x[s.RATE + 1], x[s.RATE + 2]), hook)
+        for i in range(3):
+            x[s.LOAD_POS + i] = x[s.POS + i] + sum(rotation[i][j] * hook[j] for j in range(3))
+            x[s.LOAD_VEL + i] = x[s.VEL + i] + sum(rotation[i][j] * arm_rate[j] for j in range(3))
+        x[s.LOAD_POS + 2] += x[s.CABLE_LENGTH] + p[PlantParam.LOAD_MASS] * GRAVITY / p[PlantParam.CABLE_STIFFNESS]
+        if x[s.LOAD_POS + 2] > p[PlantParam.GROUND_DOWN]:
+            x[s.LOAD_POS + 2] = p[PlantParam.GROUND_DOWN] + GRAVITY / p[PlantParam.GROUND_FREQUENCY] ** 2
+            x[s.LOAD_VEL : s.LOAD_VEL + 3] = 0.0
+        self._u[PlantInput.ATTACHED] = 1.0
+        self.state = x.tolist()
+
     def kick(self, load_dv_ned_mps: Vec3) -> None:
-        """Change the load's velocity at once, as a blow would [m/s]."""
+        """Change the load's velocity at once, as a blow would.
+
+        Parameters
+        ----------
+        load_dv_ned_mps : (3,)
+            What is added to it, each within `KICK_MAX_MPS` [m/s].
+
+        Raises
+        ------
+        ConfigurationError
+            If it is out of bounds.
+        """
+        if not all(-KICK_MAX_MPS <= v <= KICK_MAX_MPS for v in load_dv_ned_mps):
+            shown = ", ".join(f"{v:g}" for v in load_dv_ned_mps)
+            raise ConfigurationError(f"kick: {shown} given; expected each of {-KICK_MAX_MPS:g} to {KICK_MAX_MPS:g} m/s")
         self._x[PlantState.LOAD_VEL : PlantState.LOAD_VEL + 3] += load_dv_ned_mps
         self.state = self._x.tolist()
+
+    def set_wind(self, wind_ned_mps: Vec3) -> None:
+        """Change the mean wind at once; gusts blow on top of it.
+
+        Parameters
+        ----------
+        wind_ned_mps : (3,)
+            Velocity of the air, within the bounds of ``simulation.wind_ned_mps`` [m/s].
+
+        Raises
+        ------
+        ConfigurationError
+            If it is out of bounds.
+        """
+        for component in wind_ned_mps:
+            _check(Simulation, "wind_ned_mps", component)
+        self._wind = wind_ned_mps
+        self._mix_wind()
+
+    def set_gusts(self, std_mps: float, time_constant_s: float | None = None, seed: int | None = None) -> None:
+        """Change the gusts; their present value stays and grows or dies away within their time constant.
+
+        Parameters
+        ----------
+        std_mps : float
+            Deviation on each horizontal axis, as ``simulation.gust_std_mps`` [m/s]; 0 ends the gusts at once.
+        time_constant_s : float, optional
+            As ``simulation.gust_time_constant_s`` [s]; by default it stays.
+        seed : int, optional
+            As ``simulation.seed``: the gusts begin anew from nothing and are the same after every call with this seed.
+
+        Raises
+        ------
+        ConfigurationError
+            If anything is out of bounds; then nothing has changed.
+        """
+        _check(Simulation, "gust_std_mps", std_mps)
+        if time_constant_s is not None:
+            _check(Simulation, "gust_time_constant_s", time_constant_s)
+        if seed is not None:
+            _check(Simulation, "seed", seed)
+            self._random = _gust_generator(seed)
+        if seed is not None or std_mps == 0.0:
+            self._gust = [0.0, 0.0]
+        if time_constant_s is not None:
+            self._gust_time_s = time_constant_s
+        self._gust_std_mps = std_mps
+        self._mix_wind()
+
+    def set_load_mass(self, mass_kg: float) -> None:
+        """Change the load's mass at once; it keeps its place and its velocity.
+
+        Parameters
+        ----------
+        mass_kg : float
+            Within the bounds of ``payload.mass_kg`` [kg].
+
+        Raises
+        ------
+        ConfigurationError
+            If it is out of bounds or too light for its cable to be integrated; then nothing has changed.
+        """
+        _check(Payload, "mass_kg", mass_kg)
+        parameters = replace(self._parameters, payload=Payload(mass_kg=mass_kg))
+        self._substeps = _substeps(parameters)
+        self._parameters = parameters
+        self._p[PlantParam.LOAD_MASS] = mass_kg
+
+    def set_cable_length(self, length_m: float) -> None:
+        """Let a winch at the hook change the cable's length, at most at `WINCH_MPS` and `WINCH_MPS2`.
+
+        The winch does the work that this takes: reeling in under a swing makes the swing wider, as on a real winch.
+
+        Parameters
+        ----------
+        length_m : float
+            Unstretched, within the bounds of ``cable.length_m`` [m].
+
+        Raises
+        ------
+        ConfigurationError
+            If it is out of bounds.
+        """
+        _check(Cable, "length_m", length_m)
+        self._winch_target_m = length_m
 
     def place(
         self,
@@ -194,7 +357,8 @@ class Plant:
         """
         p, s = self._p, PlantState
         stretch = cos(xi_rad) * cos(zeta_rad) * p[PlantParam.LOAD_MASS] * GRAVITY / p[PlantParam.CABLE_STIFFNESS]
-        length = self._length_m + stretch
+        cable = float(self._x[s.CABLE_LENGTH])
+        length = cable + stretch
         cy, sy = cos(yaw_rad), sin(yaw_rad)
         ahead = self._hook[0] + length * sin(zeta_rad)
         right = self._hook[1] - length * sin(xi_rad) * cos(zeta_rad)
@@ -210,6 +374,7 @@ class Plant:
         x[s.LOAD_POS + 1] = pos_ned_m[1] + sy * ahead + cy * right
         x[s.LOAD_POS + 2] = pos_ned_m[2] + down
         x[s.LOAD_VEL : s.LOAD_VEL + 3] = vel_ned_mps
+        x[s.CABLE_LENGTH] = cable
         self.state = x.tolist()
 
     def truth(self, t_boot_s: float | None = None) -> Truth:
@@ -279,16 +444,51 @@ class Plant:
             attached=attached,
             taut=y[PlantOutput.TENSION] > 0.0,
             grounded=y[PlantOutput.GROUND_FORCE] > 0.0,
+            load_mass_kg=self.load_mass_kg,
+            cable_length_m=x[s.CABLE_LENGTH],
         )
 
     def _blow(self) -> None:
         """Advance the gusts, one Gauss-Markov process on each horizontal axis."""
-        simulation = self._simulation
-        tau, std = simulation.gust_time_constant_s, simulation.gust_std_mps
+        tau, std = self._gust_time_s, self._gust_std_mps
         noise = self._random.standard_normal(2)
         for i in range(2):
             self._gust[i] += -self._gust[i] * DT_S / tau + std * sqrt(2.0 * DT_S / tau) * float(noise[i])
-            self._u[PlantInput.WIND + i] = simulation.wind_ned_mps[i] + self._gust[i]
+        self._mix_wind()
+
+    def _mix_wind(self) -> None:
+        for i in range(2):
+            self._u[PlantInput.WIND + i] = self._wind[i] + self._gust[i]
+        self._u[PlantInput.WIND + 2] = self._wind[2]
+
+    def _wind_cable(self, target_m: float) -> None:
+        """Choose the winch's speed for the coming step."""
+        left_m = target_m - float(self._x[PlantState.CABLE_LENGTH])
+        change = WINCH_MPS2 * DT_S
+        if abs(left_m) <= change * DT_S:
+            self._x[PlantState.CABLE_LENGTH] = target_m
+            self._u[PlantInput.CABLE_RATE] = 0.0
+            self._winch_target_m = None
+            return
+        # The speed from which it can still stop in what is left after this step.
+        stopping = sqrt(change**2 + 2.0 * WINCH_MPS2 * abs(left_m)) - change
+        rate = copysign(min(WINCH_MPS, stopping), left_m)
+        before = float(self._u[PlantInput.CABLE_RATE])
+        self._u[PlantInput.CABLE_RATE] = min(max(rate, before - change), before + change)
+
+
+def _gust_generator(seed: int) -> np.random.Generator:
+    return np.random.default_rng((seed, 1))
+
+
+def _check(group: type[Cable | Payload | Simulation], name: str, value: float) -> None:
+    """Hold a value against the bounds of its declaration."""
+    declared = next(field.metadata for field in fields(group) if field.name == name)
+    if not declared["low"] <= value <= declared["high"]:
+        raise ConfigurationError(
+            f"{group.__name__.lower()}.{name}: {value:g} given; "
+            f"expected {declared['low']:g} to {declared['high']:g} {declared['unit']}"
+        )
 
 
 def rotation_matrix(w: float, x: float, y: float, z: float) -> tuple[Vec3, Vec3, Vec3]:
@@ -307,12 +507,7 @@ def cross(a: Vec3, b: Vec3) -> Vec3:
 
 def _pack(parameters: Parameters) -> NDArray[np.float64]:
     """Build the kernel's parameter vector."""
-    vehicle, simulation, thrust, cable = (
-        parameters.vehicle,
-        parameters.simulation,
-        parameters.thrust,
-        parameters.cable,
-    )
+    vehicle, simulation, thrust = parameters.vehicle, parameters.simulation, parameters.thrust
     inertia = simulation.vehicle_inertia_kg_m2
     offset = simulation.arm_m / sqrt(2.0)
     p = np.zeros(PlantParam.SIZE)
@@ -335,7 +530,6 @@ def _pack(parameters: Parameters) -> NDArray[np.float64]:
     p[PlantParam.RATE_DRAG] = _RATE_DAMPING_PER_S * inertia[0]
     p[PlantParam.LOAD_MASS] = parameters.payload.mass_kg
     p[PlantParam.LOAD_DRAG] = 0.5 * _AIR_DENSITY_KG_M3 * simulation.payload_drag_area_m2
-    p[PlantParam.CABLE_LENGTH] = cable.length_m
     p[PlantParam.CABLE_STIFFNESS] = simulation.cable_stiffness_n_per_m
     p[PlantParam.CABLE_DAMPING] = simulation.cable_damping_n_s_per_m
     p[PlantParam.GROUND_DOWN] = LEG_M

@@ -22,6 +22,7 @@ COLUMNS = (
     *("u0", "u1", "u2", "u3"),
     *("sf_x_m_s2", "sf_y_m_s2", "sf_z_m_s2"),
     *("p_rad_s", "q_rad_s", "r_rad_s"),
+    *("load_kg", "cable_m"),
 )
 """Lateral is xi, longitudinal is zeta; swing columns are nan while nothing is attached."""
 
@@ -51,6 +52,8 @@ def truth_row(truth: Truth) -> tuple[float, ...]:
         *truth.rotor_commands,
         *truth.specific_force_frd_mps2,
         *truth.rates_frd_radps,
+        truth.load_mass_kg,
+        truth.cable_length_m,
     )
 
 

@@ -1,5 +1,6 @@
 """The truth model against physics."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import cos, degrees, pi, radians, sin, sqrt
 
@@ -17,7 +18,7 @@ from swingd.core.slung_plant import (
 )
 from swingd.model.errors import ConfigurationError
 from swingd.model.parameters import Parameters
-from swingd.sim.plant import DT_S, LEG_M, Plant
+from swingd.sim.plant import DT_S, KICK_MAX_MPS, LEG_M, WINCH_MPS, WINCH_MPS2, Plant, rotation_matrix
 
 from .rigs import iris, steps, with_vehicle
 
@@ -44,7 +45,7 @@ def energy_j(plant: Plant, parameters: Parameters) -> float:
     m, ml = parameters.vehicle.mass_kg, parameters.payload.mass_kg
     pos, vel = np.array(x[0:3]), np.array(x[3:6])
     load, load_vel = np.array(x[17:20]), np.array(x[20:23])
-    stretch = max(0.0, float(np.linalg.norm(load - pos)) - parameters.cable.length_m)
+    stretch = max(0.0, float(np.linalg.norm(load - pos)) - plant.cable_length_m)
     return float(
         0.5 * m * vel @ vel
         + 0.5 * ml * load_vel @ load_vel
@@ -345,3 +346,252 @@ def test_parameters_reach_the_kernel() -> None:
     assert list(p[PlantParam.HOOK : PlantParam.HOOK + 3]) == [0.1, 0.2, 0.3]
     assert p[PlantParam.DRAG] == p[PlantParam.DRAG + 1] == 0.35
     assert p[PlantParam.DRAG + 2] == 0.1
+
+
+# What may be changed while it runs
+
+
+def hovering(parameters: Parameters, **place: float) -> tuple[Plant, float]:
+    """A vehicle in the air under constant thrust that carries both bodies, and its throttle."""
+    throttle = hover_throttle(parameters)
+    plant = Plant(parameters)
+    plant.place((0.0, 0.0, -100.0), rotors=throttle, **place)
+    return plant, throttle
+
+
+def fly(plant: Plant, throttle: float, duration_s: float) -> list[float]:
+    """Tension of every step."""
+    tensions = []
+    for _ in range(steps(duration_s)):
+        plant.step((throttle,) * 4, 16.2, spinning=True)
+        tensions.append(plant.output[PlantOutput.TENSION])
+    return tensions
+
+
+def test_a_hooked_load_hangs_taut_and_still_under_the_hook() -> None:
+    """GIVEN a load that fell off a moving, turned, tilted vehicle WHEN it is hooked THEN it hangs there at rest."""
+    parameters = with_vehicle(frictionless(iris()), hook_frd_m=(0.1, -0.05, 0.2))
+    plant = Plant(parameters)
+    plant.place((10.0, 20.0, -50.0), (3.0, -2.0, 0.5), yaw_rad=1.0, zeta_rad=0.5, rotors=0.5)
+    plant._x[PlantState.RATE : PlantState.RATE + 3] = (0.2, -0.3, 0.5)
+    plant.release()
+    fly(plant, 0.5, 1.0)
+    assert plant.truth().load_pos_ned_m[2] > -46.0
+    plant.hook()
+    truth = plant.truth()
+    rotation = np.array(rotation_matrix(*truth.ned_from_frd))
+    assert abs(rotation[2, 0]) > 0.2
+    hook = np.array(truth.pos_ned_m) + rotation @ (0.1, -0.05, 0.2)
+    below = np.array(truth.load_pos_ned_m) - hook
+    assert below == pytest.approx((0.0, 0.0, 1.5 + 0.3 * GRAVITY / 2000.0), abs=1e-9)
+    assert truth.attached
+    assert truth.chi_rad == pytest.approx(0.0, abs=1e-6)
+    assert (truth.xi_rate_radps, truth.zeta_rate_radps) == pytest.approx((0.0, 0.0), abs=1e-9)
+    plant.step((0.5,) * 4, 16.2, spinning=True)
+    assert plant.truth().taut
+
+
+def test_hooking_in_hover_is_felt_as_the_load_s_weight_at_once() -> None:
+    parameters = iris()
+    plant, throttle = hovering(parameters)
+    plant.release()
+    fly(plant, throttle, 0.02)
+    plant.place((0.0, 0.0, -100.0), rotors=throttle)
+    plant.hook()
+    tensions = fly(plant, throttle, 1.0)
+    assert tensions == pytest.approx([0.3 * GRAVITY] * len(tensions), rel=0.02)
+
+
+def test_a_load_hooked_near_the_ground_lies_there() -> None:
+    plant = Plant(iris())
+    fly(plant, 0.0, 1.0)
+    plant.release()
+    plant.hook()
+    fly(plant, 0.0, 1.0)
+    truth = plant.truth()
+    assert truth.attached
+    assert not truth.taut
+    assert truth.grounded
+    assert truth.load_pos_ned_m == pytest.approx((0.0, 0.0, LEG_M), abs=0.005)
+    assert truth.load_vel_ned_mps == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+
+
+def test_hooking_calms_a_load_that_swings() -> None:
+    plant, throttle = hovering(iris(), xi_rad=0.6)
+    fly(plant, throttle, 0.3)
+    plant.hook()
+    fly(plant, throttle, 1.0)
+    assert plant.truth().chi_rad < radians(1.0)
+
+
+def test_twice_the_load_pulls_twice_as_hard() -> None:
+    parameters = iris(load_kg=0.4)
+    plant, throttle = hovering(parameters)
+    before = fly(plant, throttle, 0.5)[-1]
+    plant.set_load_mass(0.8)
+    heavy = replace(parameters, payload=replace(parameters.payload, mass_kg=0.8))
+    tensions = fly(plant, hover_throttle(heavy), 1.0)
+    assert before == pytest.approx(0.4 * GRAVITY, rel=0.01)
+    assert tensions[-1] == pytest.approx(0.8 * GRAVITY, rel=0.02)
+    # The old stretch carries half of the new weight: no blow beyond what a load let go there gives.
+    assert max(tensions) < 0.8 * GRAVITY * 1.6
+    assert plant.truth().load_mass_kg == plant.load_mass_kg == 0.8
+
+
+def test_a_changed_mass_flies_like_one_that_was_always_so() -> None:
+    """Sub-steps included: the lightest load is the fastest on its cable."""
+    changed, always = Plant(iris(load_kg=0.5)), Plant(iris(load_kg=0.005))
+    changed.set_load_mass(0.005)
+    for plant in (changed, always):
+        plant.place((0.0, 0.0, -50.0), xi_rad=0.5, rotors=0.53)
+        fly(plant, 0.53, 1.0)
+    assert changed.state == always.state
+
+
+def periods_s(plant: Plant, throttle: float) -> float:
+    """Mean period of the lateral swing over the next seconds."""
+    crossings = []
+    last = plant.truth().xi_rad
+    for i in range(steps(6.0)):
+        plant.step((throttle,) * 4, 16.2, spinning=True)
+        here = plant.truth().xi_rad
+        if last > 0.0 >= here:
+            crossings.append((i - here / (here - last)) * DT_S)
+        last = here
+    return float(np.diff(crossings).mean())
+
+
+@pytest.mark.parametrize("length_m", [0.8, 3.0])
+def test_the_period_follows_the_cable_s_length(length_m: float) -> None:
+    plant, throttle = hovering(frictionless(iris()), xi_rad=0.05)
+    plant.set_cable_length(length_m)
+    fly(plant, throttle, 4.0)
+    assert plant.cable_length_m == plant.cable_target_m == plant.truth().cable_length_m == length_m
+    expected = 2.0 * pi * sqrt(length_m / GRAVITY * 1.5 / 1.8)
+    assert periods_s(plant, throttle) == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("length_m", [0.5, 6.0])
+def test_the_winch_is_smooth_and_on_time(length_m: float) -> None:
+    plant, throttle = hovering(iris())
+    fly(plant, throttle, 0.5)
+    plant.set_cable_length(length_m)
+    way = abs(length_m - 1.5)
+    expected_s = way / WINCH_MPS + WINCH_MPS / WINCH_MPS2 if way > 1.0 else 2.0 * sqrt(way / WINCH_MPS2)
+    lengths, tensions = [], []
+    for _ in range(steps(expected_s + 1.0)):
+        tensions += fly(plant, throttle, DT_S)
+        lengths.append(plant.cable_length_m)
+    speed = np.diff(lengths) / DT_S
+    assert np.abs(speed).max() == pytest.approx(WINCH_MPS if way > 1.0 else sqrt(way * WINCH_MPS2), rel=0.02)
+    assert np.abs(np.diff(speed)).max() < 2.0 * WINCH_MPS2 * DT_S
+    assert np.argmax(np.array(lengths) == length_m) * DT_S == pytest.approx(expected_s, abs=0.05)
+    assert lengths[-1] == length_m
+    assert min(tensions) > 0.7 * 0.3 * GRAVITY
+    assert max(tensions) < 1.3 * 0.3 * GRAVITY
+
+
+@pytest.mark.parametrize("length_m", [0.7, 2.5])
+def test_a_changed_length_gives_exactly_the_winch_s_work(length_m: float) -> None:
+    """Falling freely and swinging hard: what both bodies gain is tension times cable reeled in, nothing more."""
+    parameters = frictionless(iris(load_kg=0.5))
+    plant = Plant(parameters)
+    plant.place((0.0, 0.0, -500.0), zeta_rad=0.7)
+    plant.kick((3.0, 2.0, 1.0))
+    plant.set_cable_length(length_m)
+    before, work, pulls = energy_j(plant, parameters), 0.0, [plant.output[PlantOutput.TENSION]]
+    last_m = plant.cable_length_m
+    for _ in range(steps(3.0)):
+        plant.step(STOPPED, 16.2, spinning=False)
+        pulls.append(plant.output[PlantOutput.TENSION])
+        work += 0.5 * (pulls[-2] + pulls[-1]) * (last_m - plant.cable_length_m)
+        last_m = plant.cable_length_m
+    assert plant.cable_length_m == length_m
+    assert abs(work) > 0.5
+    assert energy_j(plant, parameters) - before == pytest.approx(work, rel=0.02)
+
+
+def test_a_winch_that_is_told_to_turn_back_does() -> None:
+    plant, throttle = hovering(iris())
+    plant.set_cable_length(5.0)
+    fly(plant, throttle, 2.0)
+    out_m = plant.cable_length_m
+    assert 2.0 < out_m < 4.0
+    plant.set_cable_length(1.0)
+    assert plant.cable_target_m == 1.0
+    tensions = fly(plant, throttle, 6.0)
+    assert plant.cable_length_m == 1.0
+    assert min(tensions) > 0.5 * 0.3 * GRAVITY
+
+
+def test_wind_and_gusts_change_at_once_and_end() -> None:
+    plant = Plant(iris(wind_ned_mps=(1.0, 0.0, 0.0), gust_std_mps=3.0))
+    fly(plant, 0.0, 1.0)
+    assert plant.truth().wind_ned_mps[0] != 1.0
+    plant.set_wind((-4.0, 2.0, 0.5))
+    gust = np.subtract(plant.truth().wind_ned_mps, (-4.0, 2.0, 0.5))
+    assert gust[:2].all()
+    assert gust[2] == 0.0
+    plant.set_gusts(0.0)
+    assert plant.truth().wind_ned_mps == plant.mean_wind_ned_mps == (-4.0, 2.0, 0.5)
+    fly(plant, 0.0, 0.1)
+    assert plant.truth().wind_ned_mps == (-4.0, 2.0, 0.5)
+    plant.set_gusts(2.0, 0.1)
+    assert (plant.gust_std_mps, plant.gust_time_constant_s) == (2.0, 0.1)
+    winds = []
+    for _ in range(steps(30.0)):
+        plant._blow()
+        winds.append(plant.truth().wind_ned_mps)
+    assert np.std(winds, axis=0) == pytest.approx((2.0, 2.0, 0.0), rel=0.15)
+    assert np.mean(winds, axis=0) == pytest.approx((-4.0, 2.0, 0.5), abs=0.5)
+
+
+def test_gusts_of_one_seed_are_the_same_whenever_they_begin() -> None:
+    def winds(plant: Plant, seed: int) -> list[tuple[float, float, float]]:
+        plant.set_gusts(2.0, 1.0, seed)
+        out = []
+        for _ in range(100):
+            fly(plant, 0.0, DT_S)
+            out.append(plant.truth().wind_ned_mps)
+        return out
+
+    one, other = Plant(iris(seed=1)), Plant(iris(seed=2, gust_std_mps=5.0))
+    fly(other, 0.0, 1.0)
+    first = winds(one, 7)
+    assert first == winds(other, 7)
+    assert first == winds(one, 7)
+    assert first != winds(one, 8)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda p: p.set_wind((0.0, 31.0, 0.0)), r"simulation.wind_ned_mps: 31 given; expected -30 to 30 m/s"),
+        (lambda p: p.set_wind((0.0, 0.0, float("nan"))), r"simulation.wind_ned_mps: nan given"),
+        (lambda p: p.set_gusts(-1.0), r"simulation.gust_std_mps: -1 given; expected 0 to 15 m/s"),
+        (lambda p: p.set_gusts(1.0, 0.0), r"simulation.gust_time_constant_s: 0 given; expected 0.05 to 60 s"),
+        (lambda p: p.set_gusts(1.0, 1.0, -1), r"simulation.seed: -1 given"),
+        (lambda p: p.set_load_mass(0.0), r"payload.mass_kg: 0 given; expected 0.005 to 2000 kg"),
+        (lambda p: p.set_load_mass(float("inf")), r"payload.mass_kg: inf given"),
+        (lambda p: p.set_cable_length(0.0), r"cable.length_m: 0 given; expected 0.1 to 200 m"),
+        (lambda p: p.kick((0.0, KICK_MAX_MPS + 1.0, 0.0)), r"kick: 0, 31, 0 given; expected each of -30 to 30 m/s"),
+        (lambda p: p.kick((float("nan"), 0.0, 0.0)), r"kick: nan, 0, 0 given"),
+    ],
+)
+def test_what_is_out_of_bounds_is_refused_and_changes_nothing(change: Callable[[Plant], None], message: str) -> None:
+    parameters = iris(gust_std_mps=1.0, wind_ned_mps=(1.0, 2.0, 3.0))
+    plant, untouched = Plant(parameters), Plant(parameters)
+    with pytest.raises(ConfigurationError, match=message):
+        change(plant)
+    for one in (plant, untouched):
+        fly(one, 0.0, 0.1)
+    assert plant.truth() == untouched.truth()
+
+
+def test_a_mass_too_light_for_its_cable_is_refused_and_changes_nothing() -> None:
+    parameters = iris(load_kg=1.0, cable_damping_n_s_per_m=1000.0)
+    plant, throttle = hovering(parameters)
+    with pytest.raises(ConfigurationError, match=r"payload.mass_kg = 0.005.*expected at most"):
+        plant.set_load_mass(0.005)
+    assert plant.load_mass_kg == 1.0
+    assert np.isfinite(fly(plant, throttle, 1.0)).all()
