@@ -169,7 +169,7 @@ class Engine:
 
     @property
     def has_joined(self) -> bool:
-        """Whether a pipeline has joined."""
+        """Whether a pipeline has joined, and no fault has ended it."""
         return self._pipeline is not None
 
     # ---- inputs
@@ -314,12 +314,12 @@ class Engine:
     def _check_autopilot(self, t_mono_s: float, out: list[Delivery]) -> None:
         """Read the autopilot's parameters, take over what the estimate depends on, and say what is dangerous."""
         self._say(self._preflight.tick(t_mono_s, self.adapter.autopilot), (AUTOPILOT,), out)
-        if self._pipeline is None:
-            return
         compensated = self._preflight.voltage_compensated
-        if compensated is not None and compensated is not self._compensated:
+        if self._pipeline is not None and compensated is not None and compensated is not self._compensated:
             self._compensated = compensated
             self._step(VoltageCompensation(t_mono_s, compensated), out)
+        if self._pipeline is None:  # not there yet, or ended by a fault just now
+            return
         advice = self._preflight.judge(self._parameters, self._pipeline.rates_hz)
         if not advice:
             return
@@ -371,8 +371,6 @@ class Engine:
     # ---- events and actions
 
     def _step(self, event: Event, out: list[Delivery]) -> None:
-        if self._pipeline is None:
-            return
         for action in self._run(event, out):
             self._act(event.t_mono_s, action, out)
 
@@ -384,7 +382,7 @@ class Engine:
             return self._pipeline.step(event)
         except Exception as error:
             self._fail(event.t_mono_s, f"{type(error).__name__}: {error}", out)
-            return [PassSetpoint()]
+            return []
 
     def _fail(self, t_mono_s: float, reason: str, out: list[Delivery]) -> None:
         self.failure = reason
@@ -435,7 +433,8 @@ class Engine:
                 passes = True
             else:
                 self._act(t_mono_s, action, out)
-        return not passes
+        # After a fault there is nobody to meet it.
+        return self.has_joined and not passes
 
     def _shaper(self, port: int) -> ShaperName:
         endpoints = self._parameters.endpoints
