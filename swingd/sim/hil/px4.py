@@ -200,7 +200,8 @@ async def run_px4(
     """
     simulator = Px4Simulator(parameters)
     present, answered = asyncio.Event(), asyncio.Event()
-    gone = False
+    # PX4 starts its outputs late in its boot; until then nothing answers, and its clock must go on.
+    gone = in_step = False
 
     def on_peer(_peer: int, here: bool) -> None:
         nonlocal gone
@@ -209,7 +210,9 @@ async def run_px4(
         answered.set()
 
     def on_data(_peer: int, data: bytes) -> None:
+        nonlocal in_step
         if simulator.receive(data):
+            in_step = True
             answered.set()
 
     url = f"tcpin://{host}:{SIMULATOR_PORT + instance}"
@@ -225,7 +228,6 @@ async def run_px4(
             except LinkOpenError as error:
                 say(f"the battery's voltage stays {simulator.voltage_v:g} V: {error}")
             pace = Pace(parameters.simulation.speed)
-            in_step = False
             while not gone and (duration_s is None or simulator.t_boot_s < duration_s - 0.5 * DT_S):
                 await pace.due()
                 answered.clear()
@@ -235,8 +237,6 @@ async def run_px4(
                 outlets.after_step(simulator.truth)
                 battery.ask(simulator.t_boot_s)
                 if not in_step:
-                    # PX4 starts its outputs late in its boot; until then nothing answers.
-                    in_step = answered.is_set()
                     continue
                 try:
                     async with asyncio.timeout(ANSWER_TIMEOUT_S):
