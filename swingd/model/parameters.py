@@ -355,6 +355,12 @@ class Simulation:
     gust_time_constant_s: float = quantity(2.0, "s", 0.05, 60.0, "of the gusts")
     acc_noise_mps2: float = quantity(0.1, "m/s^2", 0.0, 20.0, "white, per 250 Hz sample")
     gyro_noise_radps: float = quantity(0.01, "rad/s", 0.0, 2.0, "white, per 250 Hz sample")
+    vibration_mps2: float = quantity(
+        0.0, "m/s^2", 0.0, 200.0, "amplitude that the rotors give each axis of the accelerometer at half throttle"
+    )
+    vibration_hz: float = quantity(
+        80.0, "Hz", 1.0, 2000.0, "revolutions of the rotors at half throttle; proportional to throttle"
+    )
     acc_bias_mps2: float = quantity(0.03, "m/s^2", 0.0, 5.0, "Gauss-Markov, 60 s")
     attitude_noise_rad: float = quantity(
         0.003, "rad", 0.0, 0.2, "slow error of the autopilot's attitude estimate, 10 s"

@@ -10,6 +10,7 @@ from swingd.core.slung_plant import PlantOutput, PlantState
 from swingd.model.events import Vec3
 from swingd.model.parameters import Simulation
 from swingd.sim.plant import DT_S, Quaternion
+from swingd.sim.vibration import Vibration
 
 _BIAS_TIME_S = 60.0
 _BIAS_LEARNING_S = 20.0  # PX4's EKF follows an accelerometer bias this slowly, and the rest stays in HIGHRES_IMU
@@ -74,7 +75,7 @@ class Sensors:
     Parameters
     ----------
     simulation : Simulation
-        Noise figures and seed.
+        Noise figures, vibration and seed.
 
     Notes
     -----
@@ -85,6 +86,8 @@ class Sensors:
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         self._normal = _Normals(np.random.default_rng((simulation.seed, 2)))
+        self._vibration = Vibration(simulation)
+        self._steps = 0
         self._bias = [simulation.acc_bias_mps2 * self._normal() for _ in range(3)]
         self._bias_learnt = list(self._bias)
         self._tilt = [simulation.attitude_noise_rad * self._normal() for _ in range(3)]
@@ -108,10 +111,12 @@ class Sensors:
             for i in range(3):
                 bias[i] += -decay * bias[i] + drive * normal()
                 learnt[i] += DT_S / _BIAS_LEARNING_S * (bias[i] - learnt[i])
+        shaken = self._vibration.sample(self._steps * DT_S, state[PlantState.ROTOR : PlantState.ROTOR + 4])
+        self._steps += 1
         acc = (
-            output[y] + bias[0] - learnt[0] + acc_std * normal(),
-            output[y + 1] + bias[1] - learnt[1] + acc_std * normal(),
-            output[y + 2] + bias[2] - learnt[2] + acc_std * normal(),
+            output[y] + bias[0] - learnt[0] + shaken[0] + acc_std * normal(),
+            output[y + 1] + bias[1] - learnt[1] + shaken[1] + acc_std * normal(),
+            output[y + 2] + bias[2] - learnt[2] + shaken[2] + acc_std * normal(),
         )
         w = PlantOutput.MEAN_RATE
         gyro = (
