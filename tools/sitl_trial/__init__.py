@@ -1,0 +1,1 @@
+"""Trial flights of swingd on a real autopilot in the loop (SITL)."""

@@ -1,0 +1,182 @@
+"""Flies swingd on a real PX4 in the loop, with a slung load, through stated manoeuvres: correction off, on, and shaped.
+
+    python -m tools.sitl_trial --autopilot px4 --binary .../build/px4_sitl_default/bin/px4
+
+For each flight the autopilot, ``swingd sim --hil``, ``swingd run`` in line and a MAVSDK application are started anew,
+in real time. The folder gets tables (trial.md, trial.csv, trial.json), a picture of each manoeuvre, and of each flight
+the truth, swingd's recording and what every process said. Exit code 1: an asked figure was not reached, or a flight was
+not flown; 2: wrong usage.
+"""
+
+import argparse
+import asyncio
+import json
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from swingd.config.loader import load_parameters
+from swingd.model.errors import SwingdError
+from swingd.model.parameters import Parameters
+
+from . import report
+from .flight import Flight, fly_once
+from .picture import draw
+from .plan import PX4, Correction, Manoeuvre, Scenario
+from .processes import Autopilot, Files, Px4
+from .record import TrialError
+from .verdict import verdicts
+
+ROOT = Path(__file__).parents[2]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly, judge, write; return the exit code."""
+    given = _parser().parse_args(arguments)
+    console = Console(stderr=True, markup=False)
+    try:
+        autopilot = _autopilot(given)
+        scenarios = _chosen(given.only, given.quick)
+        parameters = load_parameters(given.config)
+        folder = _folder(given.out, given.resume)
+        trial = Trial(autopilot, parameters, folder, given.quick, console)
+        keys = [(s, c, r) for r in range(1, given.repeats + 1) for s in scenarios for c in given.correction]
+        flights, failures = asyncio.run(trial.fly(keys, given.jobs))
+    except SwingdError as error:
+        console.print(f"sitl_trial: {error}")
+        return 2
+    found = verdicts(flights)
+    written = report.write(folder, flights, found, failures)
+    for name in dict.fromkeys(flight.name for flight in flights):
+        draw(folder, [flight for flight in flights if flight.name == name])
+    if given.json:
+        print(json.dumps(written))
+    else:
+        report.show(flights, found, Console(markup=False, width=None if sys.stdout.isatty() else 160))
+    for failure in failures:
+        console.print(f"not flown: {failure}")
+    missed = [verdict for verdict in found if not verdict.reached]
+    for verdict in missed:
+        console.print(f"not reached: {verdict.where}: {verdict.what} {verdict.value:.2f}, at most {verdict.limit:g}")
+    console.print(f"{len(found) - len(missed)} of {len(found)} asked figures reached; everything is in {folder}")
+    return 1 if missed or failures else 0
+
+
+class Trial:
+    """Flies each flight once and reads what it left."""
+
+    def __init__(
+        self, autopilot: Autopilot, parameters: Parameters, folder: Path, quick: bool, console: Console
+    ) -> None:
+        self._autopilot, self._parameters, self._folder, self._console = autopilot, parameters, folder, console
+        self._quick = quick
+
+    async def fly(self, keys: list[tuple[Scenario, Correction, int]], jobs: int) -> tuple[list[Flight], list[str]]:
+        """Return the flights in the order asked for, and why others were not flown."""
+        turn = asyncio.Semaphore(jobs)
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[doing]}"))
+        with Progress(*columns, TimeElapsedColumn(), console=self._console) as progress:
+
+            async def one(key: tuple[Scenario, Correction, int]) -> Flight | str:
+                async with turn:
+                    return await self._one(*key, progress)
+
+            found = await asyncio.gather(*map(one, keys))
+        return [f for f in found if isinstance(f, Flight)], [f for f in found if isinstance(f, str)]
+
+    async def _one(self, scenario: Scenario, correction: Correction, number: int, progress: Progress) -> Flight | str:
+        name = scenario.name if number == 1 else f"{scenario.name}#{number}"
+        label = f"{name}, {correction}"
+        files = Files(self._folder / name / correction.value)
+        task = progress.add_task(f"{label:20}", total=1.0, doing="")
+        last = ""
+
+        def say(doing: str, share: float) -> None:
+            nonlocal last
+            progress.update(task, completed=share, doing=doing)
+            if doing != last and not self._console.is_terminal:
+                self._console.print(f"{label}: {doing}")
+            last = doing
+
+        try:
+            if not files.flown.exists():
+                parameters = self._parameters
+                if number > 1:
+                    seed = parameters.simulation.seed + number - 1
+                    parameters = replace(parameters, simulation=replace(parameters.simulation, seed=seed))
+                await fly_once(
+                    self._autopilot, parameters, scenario, self._manoeuvres(scenario), correction, files, say
+                )
+            flight = Flight.load(name, scenario, correction, files)
+        except TrialError as error:
+            say("failed", 1.0)
+            return f"{label}: {error}"
+        say("flown", 1.0)
+        return flight
+
+    def _manoeuvres(self, scenario: Scenario) -> list[Manoeuvre]:
+        manoeuvres = list(scenario.manoeuvres(scenario.period_s))
+        return manoeuvres[:1] if self._quick else manoeuvres
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.sitl_trial", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("--autopilot", choices=("px4",), required=True)
+    add("--binary", type=Path, metavar="FILE", help="bin/px4 of a SITL build; default: $SWINGD_PX4")
+    add("-c", "--config", type=Path, default=ROOT / "configs/iris.yaml", metavar="FILE", help="vehicle and gains")
+    add("-o", "--out", type=Path, metavar="FOLDER", help="default: out/sitl-AUTOPILOT")
+    add("--resume", action="store_true", help="do not fly again what the folder holds already")
+    add("--only", action="append", metavar="NAME", help=f"of {', '.join(s.name for s in PX4)}; repeatable")
+    add("--quick", action="store_true", help="the base step alone")
+    add("--repeats", type=int, default=1, metavar="N", help="fly everything N times, with other noise")
+    add(
+        "--correction",
+        type=Correction,
+        choices=list(Correction),
+        nargs="+",
+        default=list(Correction),
+        help="default: all; ratios need off",
+    )
+    add("--jobs", type=int, default=max(1, (os.cpu_count() or 1) // 2), metavar="N", help="flights at once")
+    add("--json", action="store_true", help="print one JSON object instead of the tables")
+    return parser
+
+
+def _autopilot(given: argparse.Namespace) -> Autopilot:
+    binary = given.binary or os.environ.get("SWINGD_PX4")
+    if binary is None:
+        raise TrialError("no autopilot; expected --binary or $SWINGD_PX4 to name bin/px4 of a SITL build")
+    path = Path(binary).absolute()
+    if not path.is_file():
+        raise TrialError(f"--binary: {path} is not there; expected bin/px4 of a SITL build")
+    return Px4(path)
+
+
+def _chosen(only: list[str] | None, quick: bool) -> list[Scenario]:
+    known = {scenario.name: scenario for scenario in PX4}
+    unknown = [name for name in only or () if name not in known]
+    if unknown:
+        raise TrialError(f"--only: no {', '.join(unknown)}; expected {', '.join(known)}")
+    if only:
+        return [known[name] for name in only]
+    return list(PX4[:1] if quick else PX4)
+
+
+def _folder(out: Path | None, resume: bool) -> Path:
+    folder = (out or ROOT / "out/sitl-px4").absolute()
+    if not resume and folder.is_dir() and any(folder.iterdir()):
+        raise TrialError(f"--out: {folder} is not empty; expected a new folder, or --resume")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+if __name__ == "__main__":
+    sys.exit(main())
