@@ -130,7 +130,7 @@ class Plant:
         self._u[PlantInput.ATTACHED] = 1.0
         self._u[PlantInput.WIND : PlantInput.WIND + 3] = simulation.wind_ned_mps
         self._t_s = 0.0
-        self._steps = 0
+        self._steps = 0.0
         slung_plant_derivative(np.empty(PlantState.SIZE), self._y, self._x, self._u, self._p)
         self.state: list[float] = self._x.tolist()
         """State vector after the last step, by `PlantState`."""
@@ -177,8 +177,8 @@ class Plant:
         """Correlation time of the gusts [s]."""
         return self._gust_time_s
 
-    def step(self, rotor_commands: Rotors, voltage_v: float, *, spinning: bool) -> None:
-        """Advance by `DT_S`.
+    def step(self, rotor_commands: Rotors, voltage_v: float, *, spinning: bool, dt_s: float = DT_S) -> None:
+        """Advance by `DT_S`, or by less.
 
         Parameters
         ----------
@@ -188,6 +188,8 @@ class Plant:
             Of the pack; the thrust follows it with the curve's exponent.
         spinning : bool
             False stops the rotors whatever is commanded.
+        dt_s : float
+            Length of the step, above 0 and at most `DT_S` [s].
         """
         u = self._u
         thrust, simulation = self._parameters.thrust, self._parameters.simulation
@@ -195,11 +197,11 @@ class Plant:
         factor = simulation.thrust_factor * (voltage_v / thrust.voltage_nominal_v) ** thrust.voltage_exponent
         u[PlantInput.THRUST_FACTOR] = factor if spinning else 0.0
         if self._gust_std_mps > 0.0:
-            self._blow()
+            self._blow(dt_s)
         if self._winch_target_m is not None:
-            self._wind_cable(self._winch_target_m)
-        slung_plant_step(self._x, self._y, u, self._p, DT_S, self._substeps)
-        self._steps += 1
+            self._wind_cable(self._winch_target_m, dt_s)
+        slung_plant_step(self._x, self._y, u, self._p, dt_s, ceil(self._substeps * dt_s / DT_S))
+        self._steps += dt_s / DT_S
         self._t_s = self._steps * DT_S
         self.state = self._x.tolist()
         self.output = self._y.tolist()
@@ -448,12 +450,12 @@ class Plant:
             cable_length_m=x[s.CABLE_LENGTH],
         )
 
-    def _blow(self) -> None:
+    def _blow(self, dt_s: float = DT_S) -> None:
         """Advance the gusts, one Gauss-Markov process on each horizontal axis."""
         tau, std = self._gust_time_s, self._gust_std_mps
         noise = self._random.standard_normal(2)
         for i in range(2):
-            self._gust[i] += -self._gust[i] * DT_S / tau + std * sqrt(2.0 * DT_S / tau) * float(noise[i])
+            self._gust[i] += -self._gust[i] * dt_s / tau + std * sqrt(2.0 * dt_s / tau) * float(noise[i])
         self._mix_wind()
 
     def _mix_wind(self) -> None:
@@ -461,11 +463,11 @@ class Plant:
             self._u[PlantInput.WIND + i] = self._wind[i] + self._gust[i]
         self._u[PlantInput.WIND + 2] = self._wind[2]
 
-    def _wind_cable(self, target_m: float) -> None:
+    def _wind_cable(self, target_m: float, dt_s: float) -> None:
         """Choose the winch's speed for the coming step."""
         left_m = target_m - float(self._x[PlantState.CABLE_LENGTH])
-        change = WINCH_MPS2 * DT_S
-        if abs(left_m) <= change * DT_S:
+        change = WINCH_MPS2 * dt_s
+        if abs(left_m) <= change * dt_s:
             self._x[PlantState.CABLE_LENGTH] = target_m
             self._u[PlantInput.CABLE_RATE] = 0.0
             self._winch_target_m = None

@@ -326,6 +326,25 @@ def test_the_integration_has_converged() -> None:
     assert results[0] == pytest.approx(results[1], abs=1e-5)
 
 
+def test_a_step_may_be_cut() -> None:
+    """Five fifths of a step are one step: the same flight, the same clock, the same winch and wind."""
+    whole, cut = Plant(iris()), Plant(iris())
+    for plant, parts in ((whole, 1), (cut, 5)):
+        plant.place((0.0, 0.0, -50.0), (2.0, 0.0, 0.0), xi_rad=0.4, zeta_rad=0.3, rotors=0.5)
+        plant.set_cable_length(2.0)
+        for _ in range(steps(1.5) * parts):
+            plant.step((0.58, 0.58, 0.581, 0.58), 16.2, spinning=True, dt_s=DT_S / parts)
+    assert cut.t_s == pytest.approx(whole.t_s, abs=1e-9)
+    assert cut.state == pytest.approx(whole.state, abs=2e-3)
+    assert cut.cable_length_m == whole.cable_length_m == 2.0
+    gusty = Plant(iris(gust_std_mps=1.5, gust_time_constant_s=0.5))
+    winds = []
+    for _ in range(steps(60.0) * 5):
+        gusty._blow(DT_S / 5)
+        winds.append(gusty.truth().wind_ned_mps[:2])
+    assert np.std(winds, axis=0) == pytest.approx([1.5, 1.5], rel=0.2)
+
+
 def test_a_light_load_on_a_stiff_cable_stays_finite() -> None:
     plant = Plant(iris(load_kg=0.01))
     plant.place((0.0, 0.0, -50.0), xi_rad=0.5, rotors=0.53)

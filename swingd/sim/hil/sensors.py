@@ -61,6 +61,49 @@ class Readings:
     gnss: Fix | None
 
 
+class Imu:
+    """Accelerometer and gyroscope of a plant.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        ``acc_noise_mps2``, ``gyro_noise_radps``, ``acc_bias_mps2``, vibration and seed.
+    plant : Plant
+        The truth.
+    random : Generator, optional
+        Where the noise comes from; by default one of its own, made from the seed.
+    """
+
+    def __init__(self, simulation: Simulation, plant: Plant, random: np.random.Generator | None = None) -> None:
+        self._simulation = simulation
+        self._plant = plant
+        self._random = random or np.random.default_rng((simulation.seed, 2))
+        self._vibration = Vibration(simulation)
+        self._bias = simulation.acc_bias_mps2 * self._random.standard_normal(3)
+
+    def read(self, dt_s: float = DT_S) -> tuple[Vec3, Vec3]:
+        """Measure the plant's last step, which took ``dt_s``; to be called once for each step.
+
+        White noise keeps its density: a sample over a shorter time has more of it.
+
+        Returns
+        -------
+        acc_frd_mps2, gyro_frd_radps : (3,)
+            Specific force at the IMU and body rates, means over the step.
+        """
+        simulation, plant = self._simulation, self._plant
+        noise = self._random.standard_normal(9)
+        drive = simulation.acc_bias_mps2 * sqrt(2.0 * dt_s / _BIAS_TIME_S)
+        self._bias += -dt_s / _BIAS_TIME_S * self._bias + drive * noise[3:6]
+        throttle = plant.state[PlantState.ROTOR : PlantState.ROTOR + 4]
+        shaken = self._vibration.sample(plant.t_s, throttle)
+        a, w, shorter = PlantOutput.SPECIFIC_FORCE, PlantOutput.MEAN_RATE, sqrt(DT_S / dt_s)
+        acc_std, gyro_std = simulation.acc_noise_mps2 * shorter, simulation.gyro_noise_radps * shorter
+        x, y, z = (float(plant.output[a + i] + self._bias[i] + shaken[i] + acc_std * noise[i]) for i in range(3))
+        p, q, r = (float(plant.output[w + i] + gyro_std * noise[6 + i]) for i in range(3))
+        return (x, y, z), (p, q, r)
+
+
 class RawSensors:
     """Measure a plant, 250 times a second.
 
@@ -77,8 +120,7 @@ class RawSensors:
         self._simulation = simulation
         self._plant = plant
         self._random = np.random.default_rng((simulation.seed, 2))
-        self._vibration = Vibration(simulation)
-        self._bias = simulation.acc_bias_mps2 * self._random.standard_normal(3)
+        self._imu = Imu(simulation, plant, self._random)
         self._wander_m = simulation.gnss_pos_noise_m * self._random.standard_normal(3)
         self._fixes: deque[tuple[int, Fix]] = deque()
         self._steps = 0
@@ -90,27 +132,10 @@ class RawSensors:
             self._fixes.append((self._steps + GNSS_DELAY_STEPS, self._fix()))
         arrived = bool(self._fixes) and self._fixes[0][0] <= self._steps
         return Readings(
-            self._acceleration(),
-            self._rates(),
+            *self._imu.read(),
             self._air() if self._steps % AIR_STEPS == 0 else None,
             self._fixes.popleft()[1] if arrived else None,
         )
-
-    def _acceleration(self) -> Vec3:
-        simulation, plant = self._simulation, self._plant
-        noise = self._random.standard_normal(6)
-        drive = simulation.acc_bias_mps2 * sqrt(2.0 * DT_S / _BIAS_TIME_S)
-        self._bias += -DT_S / _BIAS_TIME_S * self._bias + drive * noise[3:]
-        throttle = plant.state[PlantState.ROTOR : PlantState.ROTOR + 4]
-        shaken = self._vibration.sample(plant.t_s, throttle)
-        y, std = PlantOutput.SPECIFIC_FORCE, simulation.acc_noise_mps2
-        x, y, z = (plant.output[y + i] + self._bias[i] + shaken[i] + std * noise[i] for i in range(3))
-        return float(x), float(y), float(z)
-
-    def _rates(self) -> Vec3:
-        noise = self._simulation.gyro_noise_radps * self._random.standard_normal(3)
-        x, y, z = (self._plant.output[PlantOutput.MEAN_RATE + i] + float(noise[i]) for i in range(3))
-        return x, y, z
 
     def _air(self) -> Air:
         state = self._plant.state
