@@ -1,16 +1,19 @@
-"""What a running simulation shows to the world outside: its truth, as a file and as a stream."""
+"""What a running simulation shows and hears: its truth as a file and as a stream, text commands by TCP and keyboard."""
 
 import asyncio
 import contextlib
 import json
+import os
 import socket
-from collections.abc import AsyncIterator, Callable
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from swingd.model.errors import LinkOpenError, LinkUrlError
+from swingd.sim.console import Console
 from swingd.sim.plant import Plant, Truth
 from swingd.sim.truth import COLUMNS, TruthWriter, truth_row
 
@@ -19,7 +22,15 @@ TRUTH_STEPS = 2
 STREAM_STEPS = 5
 """Simulation steps from one datagram of the truth stream to the next: 50 Hz."""
 
+CONSOLE_HOST = "127.0.0.1"
+"""The console changes the world without asking who calls; it is for this machine alone."""
+CONSOLE_CLIENTS_MAX = 16
+LINE_MAX_BYTES = 256
+"""Longest line that the console takes."""
+
 _FILE_BUFFER = 1 << 16
+_FAREWELL_S = 1.0
+_BACKGROUND_PAUSE_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +42,23 @@ class Outside:
     truth_url: str | None = None
     """``udp://HOST:PORT``: where the truth goes at 50 Hz of simulated time, one JSON object a datagram, keyed by
     `swingd.sim.truth.COLUMNS`."""
+    console: int | None = None
+    """Local TCP port for text commands, one line in, one line out; 0: any free one."""
+    keyboard: bool = False
+    """Take text commands from standard input as well, where that is a terminal."""
 
 
 class Outlets:
     """The outlets of one simulation; made by `open_outlets`."""
 
-    def __init__(self, writer: TruthWriter | None, stream: "_TruthStream | None") -> None:
+    def __init__(
+        self, writer: TruthWriter | None, stream: "_TruthStream | None", console_port: int | None = None
+    ) -> None:
         self._writer = writer
         self._stream = stream
         self._steps = 0
+        self.console_port = console_port
+        """TCP port of the console; None where there is none."""
 
     def after_step(self, truth: Callable[[], Truth]) -> None:
         """Show what is due; called once after every step of the plant.
@@ -82,7 +101,7 @@ async def open_outlets(plant: Plant, outside: Outside) -> AsyncIterator[Outlets]
     LinkUrlError
         If ``truth_url`` is not understood.
     LinkOpenError
-        If its host is not known.
+        If its host is not known or the console's port is taken.
     OSError
         If the truth file cannot be written.
     """
@@ -94,7 +113,13 @@ async def open_outlets(plant: Plant, outside: Outside) -> AsyncIterator[Outlets]
         if outside.truth_file is not None:
             file = outside.truth_file.open("w", encoding="utf-8", newline="\n", buffering=_FILE_BUFFER)
             writer = TruthWriter(stack.enter_context(file))
-        yield Outlets(writer, stream)
+        console = Console(plant)
+        port = None
+        if outside.console is not None:
+            port = await stack.enter_async_context(_serve(console, outside.console))
+        if outside.keyboard and sys.stdin is not None and sys.stdin.isatty():
+            await stack.enter_async_context(_listen_to_keyboard(console, sys.stdin.fileno()))
+        yield Outlets(writer, stream, port)
 
 
 class _TruthStream:
@@ -150,3 +175,111 @@ def _number(name: str, value: float) -> float | None:
     if not isfinite(value):
         return None
     return round(value, 3) if name == "t_boot_s" else float(f"{value:.6g}")
+
+
+async def _converse(console: Console, reader: asyncio.StreamReader, answer: Callable[[str], Awaitable[None]]) -> None:
+    """Answer line by line until the end; what is left without a line's end is not obeyed, it may be half of a word."""
+    too_long = False
+    while True:
+        try:
+            line = await reader.readuntil(b"\n")
+        except asyncio.LimitOverrunError as error:
+            await reader.readexactly(error.consumed)
+            too_long = True
+            continue
+        except asyncio.IncompleteReadError:
+            return
+        if too_long:
+            await answer(f"error: line too long; expected at most {LINE_MAX_BYTES} bytes")
+            too_long = False
+        else:
+            await answer(console.execute(line.decode("utf-8", "replace")))
+        # However much one client says at once, the simulation and the others have their turns between its lines.
+        await asyncio.sleep(0)
+
+
+@contextlib.asynccontextmanager
+async def _serve(console: Console, port: int) -> AsyncIterator[int]:
+    """Serve the console on TCP; give the port."""
+    clients: set[asyncio.Task[None]] = set()
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        async def answer(line: str) -> None:
+            writer.write(line.encode("utf-8") + b"\n")
+            # Who does not read is not listened to either, so nothing piles up.
+            await writer.drain()
+
+        task = asyncio.current_task()
+        assert task is not None
+        clients.add(task)
+        try:
+            with contextlib.suppress(OSError):
+                if len(clients) > CONSOLE_CLIENTS_MAX:
+                    await answer(f"error: {CONSOLE_CLIENTS_MAX} clients are here already; expected fewer")
+                else:
+                    await _converse(console, reader, answer)
+                writer.close()
+                async with asyncio.timeout(_FAREWELL_S):
+                    await writer.wait_closed()
+        finally:
+            clients.discard(task)
+            writer.transport.abort()
+
+    try:
+        server = await asyncio.start_server(serve, CONSOLE_HOST, port, limit=LINE_MAX_BYTES)
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise LinkOpenError(f"console on {CONSOLE_HOST}, TCP port {port}: {reason}") from None
+    try:
+        yield server.sockets[0].getsockname()[1]
+    finally:
+        server.close()
+        waiting = tuple(clients)
+        for task in waiting:
+            task.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
+
+
+@contextlib.asynccontextmanager
+async def _listen_to_keyboard(console: Console, fd: int) -> AsyncIterator[None]:
+    """Serve the console on a terminal."""
+    loop = asyncio.get_running_loop()
+    reader = asyncio.StreamReader(limit=LINE_MAX_BYTES)
+    pause: asyncio.TimerHandle | None = None
+
+    def read() -> None:
+        nonlocal pause
+        # A background job that reads its terminal is stopped by the system; what is typed there is not for it.
+        data = None
+        if _is_foreground(fd):
+            with contextlib.suppress(OSError):
+                data = os.read(fd, 4096)
+        if data:
+            reader.feed_data(data)
+            return
+        loop.remove_reader(fd)
+        if data is None:
+            pause = loop.call_later(_BACKGROUND_PAUSE_S, loop.add_reader, fd, read)
+        else:
+            reader.feed_eof()
+
+    async def answer(line: str) -> None:
+        print(line, flush=True)
+
+    loop.add_reader(fd, read)
+    task = asyncio.create_task(_converse(console, reader, answer))
+    try:
+        yield
+    finally:
+        loop.remove_reader(fd)
+        if pause is not None:
+            pause.cancel()
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+def _is_foreground(fd: int) -> bool:
+    try:
+        return os.tcgetpgrp(fd) == os.getpgrp()
+    except OSError:
+        return True  # not this process's terminal, so nothing stops it
