@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         autopilot = _autopilot(given)
         scenarios = _chosen(given.only, given.quick)
-        parameters = load_parameters(given.config)
+        parameters = load_parameters(given.config, given.set)
         folder = _folder(given.out, given.resume)
         trial = Trial(autopilot, parameters, folder, given.quick, console)
         keys = [(s, c, r) for r in range(1, given.repeats + 1) for s in scenarios for c in given.correction]
@@ -132,6 +132,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--autopilot", choices=("px4",), required=True)
     add("--binary", type=Path, metavar="FILE", help="bin/px4 of a SITL build; default: $SWINGD_PX4")
     add("-c", "--config", type=Path, default=ROOT / "configs/iris.yaml", metavar="FILE", help="vehicle and gains")
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="one key of the configuration; repeatable")
     add("-o", "--out", type=Path, metavar="FOLDER", help="default: out/sitl-AUTOPILOT")
     add("--resume", action="store_true", help="do not fly again what the folder holds already")
     add("--only", action="append", metavar="NAME", help=f"of {', '.join(s.name for s in PX4)}; repeatable")
