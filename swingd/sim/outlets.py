@@ -6,21 +6,22 @@ import json
 import os
 import socket
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from swingd.model.errors import LinkOpenError, LinkUrlError
+from swingd.model.errors import LinkOpenError, LinkUrlError, SwingdError
 from swingd.sim.console import Console
-from swingd.sim.plant import Plant, Truth
+from swingd.sim.plant import DT_S, Plant, Truth
 from swingd.sim.truth import COLUMNS, TruthWriter, truth_row
 
 TRUTH_STEPS = 2
 """Simulation steps from one row of the truth file to the next: 125 Hz."""
 STREAM_STEPS = 5
 """Simulation steps from one datagram of the truth stream to the next: 50 Hz."""
+STREAM_HZ = 1.0 / (STREAM_STEPS * DT_S)
 
 CONSOLE_HOST = "127.0.0.1"
 """The console changes the world without asking who calls; it is for this machine alone."""
@@ -31,6 +32,9 @@ LINE_MAX_BYTES = 256
 _FILE_BUFFER = 1 << 16
 _FAREWELL_S = 1.0
 _BACKGROUND_PAUSE_S = 0.5
+
+
+def _ignore(_line: str) -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +50,15 @@ class Outside:
     """Local TCP port for text commands, one line in, one line out; 0: any free one."""
     keyboard: bool = False
     """Take text commands from standard input as well, where that is a terminal."""
+    say: Callable[[str], None] = _ignore
+    """Gets a line of text about each way in or out that is open."""
 
 
 class Outlets:
     """The outlets of one simulation; made by `open_outlets`."""
 
     def __init__(
-        self, writer: TruthWriter | None, stream: "_TruthStream | None", console_port: int | None = None
+        self, writer: "_TruthFile | None", stream: "_TruthStream | None", console_port: int | None = None
     ) -> None:
         self._writer = writer
         self._stream = stream
@@ -70,7 +76,7 @@ class Outlets:
 
         Raises
         ------
-        OSError
+        SwingdError
             If the truth file can no longer be written.
         """
         write = self._writer is not None and self._steps % TRUTH_STEPS == 0
@@ -102,24 +108,49 @@ async def open_outlets(plant: Plant, outside: Outside) -> AsyncIterator[Outlets]
         If ``truth_url`` is not understood.
     LinkOpenError
         If its host is not known or the console's port is taken.
-    OSError
+    SwingdError
         If the truth file cannot be written.
     """
     async with contextlib.AsyncExitStack() as stack:
-        stream = None
+        stream = writer = port = None
         if outside.truth_url is not None:
             stream = stack.enter_context(contextlib.closing(await _open_stream(outside.truth_url)))
-        writer = None
+            outside.say(f"truth, {STREAM_HZ:g} times a simulated second, to {outside.truth_url}")
         if outside.truth_file is not None:
-            file = outside.truth_file.open("w", encoding="utf-8", newline="\n", buffering=_FILE_BUFFER)
-            writer = TruthWriter(stack.enter_context(file))
+            writer = stack.enter_context(contextlib.closing(_TruthFile(outside.truth_file)))
         console = Console(plant)
-        port = None
         if outside.console is not None:
             port = await stack.enter_async_context(_serve(console, outside.console))
+            outside.say(f"commands: TCP port {port} of {CONSOLE_HOST}; help lists them")
         if outside.keyboard and sys.stdin is not None and sys.stdin.isatty():
             await stack.enter_async_context(_listen_to_keyboard(console, sys.stdin.fileno()))
+            outside.say("commands: here; help lists them")
         yield Outlets(writer, stream, port)
+
+
+class _TruthFile:
+    """The truth file, open; what the system refuses is an error that names it."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        with self._named():
+            self._file = path.open("w", encoding="utf-8", newline="\n", buffering=_FILE_BUFFER)
+        self._writer = TruthWriter(self._file)
+
+    def write(self, truth: Truth) -> None:
+        with self._named():
+            self._writer.write(truth)
+
+    def close(self) -> None:
+        with self._named():
+            self._file.close()
+
+    @contextlib.contextmanager
+    def _named(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise SwingdError(f"truth file {self._path}: {error.strerror or error}") from None
 
 
 class _TruthStream:
@@ -213,7 +244,8 @@ async def _serve(console: Console, port: int) -> AsyncIterator[int]:
         assert task is not None
         clients.add(task)
         try:
-            with contextlib.suppress(OSError):
+            # The end of the server cancels it; asyncio's streams would call that an error.
+            with contextlib.suppress(OSError, asyncio.CancelledError):
                 if len(clients) > CONSOLE_CLIENTS_MAX:
                     await answer(f"error: {CONSOLE_CLIENTS_MAX} clients are here already; expected fewer")
                 else:

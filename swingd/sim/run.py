@@ -48,7 +48,7 @@ async def run_simulation(
         If a link is not understood or cannot be opened.
     ConfigurationError
         If the vehicle cannot be simulated.
-    OSError
+    SwingdError
         If the truth file cannot be written.
     """
     if peer is None:

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from swingd.core.slung_plant import PlantState
-from swingd.model.errors import LinkOpenError, LinkUrlError
+from swingd.model.errors import LinkOpenError, LinkUrlError, SwingdError
 from swingd.sim.outlets import CONSOLE_CLIENTS_MAX, LINE_MAX_BYTES, Outlets, Outside, open_outlets
 from swingd.sim.pace import CATCH_UP_MAX_S, Pace
 from swingd.sim.plant import DT_S, Plant
@@ -147,10 +147,28 @@ async def test_an_unknown_host_is_named(plant: Plant) -> None:
             pytest.fail("it was found")
 
 
-async def test_a_file_that_cannot_be_written_is_an_error(plant: Plant, tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        async with open_outlets(plant, Outside(truth_file=tmp_path / "no" / "truth.csv")):
+async def test_a_file_that_cannot_be_opened_is_named(plant: Plant, tmp_path: Path) -> None:
+    path = tmp_path / "no" / "truth.csv"
+    with pytest.raises(SwingdError, match=f"truth file {path}: No such file"):
+        async with open_outlets(plant, Outside(truth_file=path)):
             pytest.fail("it was opened")
+
+
+@pytest.mark.parametrize("count", [2, 2000], ids=["at the end", "on the way"])
+async def test_a_full_disk_is_named(plant: Plant, count: int) -> None:
+    with pytest.raises(SwingdError, match="truth file /dev/full: No space left on device"):
+        async with open_outlets(plant, Outside(truth_file=Path("/dev/full"))) as outlets:
+            step(plant, outlets, count)
+
+
+async def test_each_way_in_and_out_is_told(plant: Plant, receiver: socket.socket) -> None:
+    said: list[str] = []
+    url = url_of(receiver)
+    async with open_outlets(plant, Outside(truth_url=url, console=0, say=said.append)) as outlets:
+        assert said == [
+            f"truth, 50 times a simulated second, to {url}",
+            f"commands: TCP port {outlets.console_port} of 127.0.0.1; help lists them",
+        ]
 
 
 # The console
