@@ -1,6 +1,8 @@
-"""Flies swingd on a real PX4 in the loop, with a slung load, through stated manoeuvres: correction off, on, and shaped.
+"""Flies swingd on a real PX4 or Copter in the loop, with a slung load, through stated manoeuvres: off, on, and shaped.
 
-    python -m tools.sitl_trial --autopilot px4 --binary .../build/px4_sitl_default/bin/px4
+    python -m tools.sitl_trial --autopilot px4 --binary PX4-Autopilot/build/px4_sitl_default/bin/px4
+    python -m tools.sitl_trial --autopilot ardupilot --binary ardupilot/build/sitl/bin/arducopter \
+        --defaults ardupilot/Tools/autotest/default_params/copter.parm
 
 For each flight the autopilot, ``swingd sim --hil``, ``swingd run`` in line and a MAVSDK application are started anew,
 in real time. The folder gets tables (trial.md, trial.csv, trial.json), a picture of each manoeuvre, and of each flight
@@ -25,14 +27,16 @@ from swingd.model.errors import SwingdError
 from swingd.model.parameters import Parameters
 
 from . import report
+from .autopilots import Autopilot, Copter, Px4
 from .flight import Flight, fly_once
 from .picture import draw
-from .plan import PX4, Correction, Manoeuvre, Scenario
-from .processes import Autopilot, Files, Px4
-from .record import TrialError
+from .plan import COPTER, PX4, Correction, Manoeuvre, Scenario
+from .record import Files, TrialError
 from .verdict import verdicts
 
 ROOT = Path(__file__).parents[2]
+SCENARIOS = {"px4": PX4, "ardupilot": COPTER}
+CONFIGS = {"px4": ROOT / "configs/iris.yaml", "ardupilot": Path(__file__).parent / "copter.yaml"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,9 +45,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console(stderr=True, markup=False)
     try:
         autopilot = _autopilot(given)
-        scenarios = _chosen(given.only, given.quick)
-        parameters = load_parameters(given.config, given.set)
-        folder = _folder(given.out, given.resume)
+        scenarios = _chosen(SCENARIOS[given.autopilot], given.only, given.quick)
+        parameters = load_parameters(given.config or CONFIGS[given.autopilot], given.set)
+        folder = _folder(given.out or ROOT / f"out/sitl-{given.autopilot}", given.resume)
         trial = Trial(autopilot, parameters, folder, given.quick, console)
         keys = [(s, c, r) for r in range(1, given.repeats + 1) for s in scenarios for c in given.correction]
         flights, failures = asyncio.run(trial.fly(keys, given.jobs))
@@ -128,51 +132,57 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m tools.sitl_trial", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    names = "; ".join(f"{key}: {', '.join(s.name for s in scenarios)}" for key, scenarios in SCENARIOS.items())
+    cores = os.cpu_count() or 1
+    corrections = list(Correction)
     add = parser.add_argument
-    add("--autopilot", choices=("px4",), required=True)
-    add("--binary", type=Path, metavar="FILE", help="bin/px4 of a SITL build; default: $SWINGD_PX4")
-    add("-c", "--config", type=Path, default=ROOT / "configs/iris.yaml", metavar="FILE", help="vehicle and gains")
+    add("--autopilot", choices=tuple(SCENARIOS), required=True)
+    add("--binary", type=Path, metavar="FILE", help="bin/px4 of a SITL build, or arducopter; else $SWINGD_PX4, _COPTER")
+    add("--defaults", type=Path, metavar="FILE", help="copter.parm of ArduPilot; else $SWINGD_COPTER_DEFAULTS")
+    add("-c", "--config", type=Path, metavar="FILE", help="vehicle, sensors and gains, instead of the trial's own")
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="one key of the configuration; repeatable")
     add("-o", "--out", type=Path, metavar="FOLDER", help="default: out/sitl-AUTOPILOT")
     add("--resume", action="store_true", help="do not fly again what the folder holds already")
-    add("--only", action="append", metavar="NAME", help=f"of {', '.join(s.name for s in PX4)}; repeatable")
-    add("--quick", action="store_true", help="the base step alone")
+    add("--only", action="append", metavar="NAME", help=f"repeatable; {names}")
+    add("--quick", action="store_true", help="the first step alone")
     add("--repeats", type=int, default=1, metavar="N", help="fly everything N times, with other noise")
-    add(
-        "--correction",
-        type=Correction,
-        choices=list(Correction),
-        nargs="+",
-        default=list(Correction),
-        help="default: all; ratios need off",
-    )
-    add("--jobs", type=int, default=max(1, (os.cpu_count() or 1) // 2), metavar="N", help="flights at once")
+    add("--correction", type=Correction, choices=corrections, nargs="+", default=corrections, help="ratios need off")
+    add("--jobs", type=int, default=max(1, cores // 2), metavar="N", help="flights at once; each wants a core")
     add("--json", action="store_true", help="print one JSON object instead of the tables")
     return parser
 
 
 def _autopilot(given: argparse.Namespace) -> Autopilot:
-    binary = given.binary or os.environ.get("SWINGD_PX4")
-    if binary is None:
-        raise TrialError("no autopilot; expected --binary or $SWINGD_PX4 to name bin/px4 of a SITL build")
-    path = Path(binary).absolute()
+    if given.autopilot == "px4":
+        return Px4(_file(given.binary, "--binary", "SWINGD_PX4", "bin/px4 of a SITL build"))
+    return Copter(
+        _file(given.binary, "--binary", "SWINGD_COPTER", "the arducopter of a SITL build"),
+        _file(given.defaults, "--defaults", "SWINGD_COPTER_DEFAULTS", "ArduPilot's default_params/copter.parm"),
+    )
+
+
+def _file(given: Path | None, option: str, variable: str, expected: str) -> Path:
+    named = given or os.environ.get(variable)
+    if not named:
+        raise TrialError(f"neither {option} nor ${variable}; expected {expected}")
+    path = Path(named).absolute()
     if not path.is_file():
-        raise TrialError(f"--binary: {path} is not there; expected bin/px4 of a SITL build")
-    return Px4(path)
+        raise TrialError(f"{option}: no file {path}; expected {expected}")
+    return path
 
 
-def _chosen(only: list[str] | None, quick: bool) -> list[Scenario]:
-    known = {scenario.name: scenario for scenario in PX4}
+def _chosen(scenarios: Sequence[Scenario], only: list[str] | None, quick: bool) -> list[Scenario]:
+    known = {scenario.name: scenario for scenario in scenarios}
     unknown = [name for name in only or () if name not in known]
     if unknown:
         raise TrialError(f"--only: no {', '.join(unknown)}; expected {', '.join(known)}")
     if only:
         return [known[name] for name in only]
-    return list(PX4[:1] if quick else PX4)
+    return list(scenarios[:1] if quick else scenarios)
 
 
-def _folder(out: Path | None, resume: bool) -> Path:
-    folder = (out or ROOT / "out/sitl-px4").absolute()
+def _folder(folder: Path, resume: bool) -> Path:
+    folder = folder.absolute()
     if not resume and folder.is_dir() and any(folder.iterdir()):
         raise TrialError(f"--out: {folder} is not empty; expected a new folder, or --resume")
     folder.mkdir(parents=True, exist_ok=True)

@@ -8,7 +8,7 @@ import asyncio
 import contextlib
 import json
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from functools import partial
 
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
@@ -37,11 +37,6 @@ ENTER_S = 5.0
 """Hover under the setpoints before the first manoeuvre, and to turn to a new heading."""
 STALL_S = 30.0
 """Wall clock without an attitude: the autopilot or the simulation has died."""
-PARAMETERS_PX4: dict[str, int] = {
-    "COM_OBL_RC_ACT": 5,  # hold, where setpoints stop
-    "COM_RC_IN_MODE": 4,  # no remote control
-    "COM_RCL_EXCEPT": 4,  # nor is it missed in OFFBOARD
-}
 _TURN_PERIOD_S = 0.05
 _ESTIMATE = (FIELDS.index("xi_rad"), FIELDS.index("zeta_rad"), FIELDS.index("health"))
 _READY = (HEALTH_CODES[Health.READY], HEALTH_CODES[Health.ACTIVE])
@@ -83,13 +78,17 @@ class Clock:
         await self.until(self.t_s + duration_s)
 
 
-async def fly(url: str, scenario: Scenario, manoeuvres: list[Manoeuvre], say: Say) -> Flown:
+async def fly(
+    url: str, parameters: Mapping[str, int], scenario: Scenario, manoeuvres: list[Manoeuvre], say: Say
+) -> Flown:
     """Fly a scenario behind a link.
 
     Parameters
     ----------
     url : str
         As MAVSDK writes it.
+    parameters : mapping
+        Of the autopilot, to set before take-off.
     scenario : Scenario
         Its height is taken off to.
     manoeuvres : list
@@ -110,6 +109,7 @@ async def fly(url: str, scenario: Scenario, manoeuvres: list[Manoeuvre], say: Sa
             raise TrialError(f"no autopilot on {url} within {DISCOVERY_S:g} s")
         async with _Pilot.of(system) as pilot:
             try:
+                await pilot.set(parameters)
                 await pilot.take_off(scenario.height_m, say)
                 await pilot.manoeuvres(manoeuvres, say)
             except MavsdkError as error:
@@ -167,10 +167,12 @@ class _Pilot:
                     raise TrialError(f"{what}: {error}") from error
                 await self.clock.sleep(1.0)
 
-    async def take_off(self, height_m: float, say: Say) -> None:
+    async def set(self, parameters: Mapping[str, int]) -> None:
         await self.clock.sleep(0.1)
-        for name, value in PARAMETERS_PX4.items():
+        for name, value in parameters.items():
             await self._patiently(name, 10.0, partial(self._param.set_param_int, name, value))
+
+    async def take_off(self, height_m: float, say: Say) -> None:
         version = await self._info.get_version()
         self.flown.version = f"{version.flight_sw_major}.{version.flight_sw_minor}.{version.flight_sw_patch}"
         say("arming", 0.0)

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from swingd.core.swing_ekf import GRAVITY_MPS2
 from swingd.model.estimate import FloatArray
 from swingd.record.truth import BoolArray
 
-from .plan import WINDOW_S
+from .plan import WINDOW_S, Scenario
 from .record import Flown, Step, TrialError, Truth
 
 SETTLED_RAD = math.radians(2.0)
@@ -72,8 +71,8 @@ class Decay:
     damping_ratio: float
 
 
-def judge_step(truth: Truth, step: Step, cable_m: float) -> StepFigures:
-    """Return the figures of one step.
+def judge_step(truth: Truth, step: Step, scenario: Scenario) -> StepFigures:
+    """Return the figures of one step of a scenario.
 
     Raises
     ------
@@ -81,13 +80,13 @@ def judge_step(truth: Truth, step: Step, cable_m: float) -> StepFigures:
         If the truth does not cover it.
     """
     t = truth.t_boot_s
-    period_s = 2.0 * math.pi * math.sqrt(cable_m / GRAVITY_MPS2)
+    period_s = scenario.period_s
     if t[0] > step.t_boot_s - LEVEL_S or t[-1] < step.t_end_s - SETTLED_FOR_S:
         raise TrialError(
             f"{step.manoeuvre} {step.name}: the truth covers {t[0]:.1f} to {t[-1]:.1f} s of the autopilot's clock, "
             f"the step {step.t_boot_s:.1f} to {step.t_end_s:.1f} s"
         )
-    chi = truth.chi_rad
+    chi = _askew(truth, step, period_s) if scenario.built_in else truth.chi_rad
     whole = (t >= step.t_boot_s) & (t < step.t_end_s)
     window = whole & (t < step.t_last_s + WINDOW_S)
     last = (t >= step.t_last_s) & (t < step.t_end_s)
@@ -191,6 +190,16 @@ def _decay_after(truth: Truth, step: Step, period_s: float) -> Decay | None:
     centred = towards - towards.mean(axis=1, keepdims=True)
     axis = np.linalg.svd(centred, full_matrices=False)[0][:, 0]
     return fit_decay(t[free], np.arcsin(np.clip(axis @ towards, -1.0, 1.0)), period_s)
+
+
+def _askew(truth: Truth, step: Step, period_s: float) -> FloatArray:
+    """Return the angle between the cable and where it hangs in the mean of a step's last two periods."""
+    t = truth.t_boot_s
+    north, east = truth.towards_ne
+    cable = np.array([north, east, np.sqrt(np.clip(1.0 - north**2 - east**2, 0.0, 1.0))])
+    hangs = cable[:, (t >= step.t_end_s - 2.0 * period_s) & (t < step.t_end_s)].mean(axis=1)
+    angle: FloatArray = np.arccos(np.clip(hangs @ cable / np.linalg.norm(hangs), -1.0, 1.0))
+    return angle
 
 
 def _velocity_rmse(truth: Truth, step: Step, window: BoolArray) -> float:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from swingd.model.parameters import Parameters
 
 from .application import Say, fly
+from .autopilots import Autopilot
 from .figures import FlightFigures, StepFigures, judge_flight, judge_step
 from .plan import Correction, Manoeuvre, Scenario
-from .processes import Autopilot, Bench, Files, bench, summary
-from .record import Flown, Step, TrialError, Truth
+from .processes import Bench, bench, summary
+from .record import Files, Flown, Step, TrialError, Truth
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ class Flight:
             flown,
             truth,
             judge_flight(truth, flown, summary(files)),
-            tuple((step, judge_step(truth, step, scenario.cable_m)) for step in flown.steps),
+            tuple((step, judge_step(truth, step, scenario)) for step in flown.steps),
         )
 
 
@@ -67,9 +68,9 @@ async def fly_once(
     # What an attempt left that came to nothing; swingd overwrites no recording.
     for path in (files.recording, files.summary, files.flown, files.truth):
         path.unlink(missing_ok=True)
-    async with bench(autopilot, scenario.parameters(parameters), correction, files) as running:
+    async with bench(autopilot, parameters, scenario, correction, files) as running:
         try:
-            flown = await _unless_ended(running, fly(running.url, scenario, manoeuvres, say))
+            flown = await _unless_ended(running, fly(running.url, autopilot.parameters, scenario, manoeuvres, say))
         except TrialError as error:
             words = "".join(f"\n{process.name}:\n{process.tail()}" for process in running.processes)
             raise TrialError(f"{error}{words}") from error

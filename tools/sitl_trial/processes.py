@@ -15,43 +15,14 @@ from pathlib import Path
 from swingd.config.render import dump_parameters
 from swingd.model.parameters import Endpoint, Mode, Parameters
 
-from .plan import Correction
-from .record import TrialError
+from .autopilots import Autopilot
+from .plan import Correction, Scenario
+from .record import Files, TrialError
 
 TAIL_LINES = 12
 INSTANCES = range(9, -1, -1)
 """PX4 gives more than ten instances one port; the first ones are those that a user runs by hand."""
 _STOP_S = 8.0
-
-
-@dataclass(frozen=True, slots=True)
-class Files:
-    """What a flight leaves in its folder."""
-
-    folder: Path
-
-    @property
-    def config(self) -> Path:
-        return self.folder / "config.yaml"
-
-    @property
-    def truth(self) -> Path:
-        return self.folder / "truth.csv"
-
-    @property
-    def recording(self) -> Path:
-        return self.folder / "flight.swingd"
-
-    @property
-    def summary(self) -> Path:
-        return self.folder / "summary.json"
-
-    @property
-    def flown(self) -> Path:
-        return self.folder / "flown.json"
-
-    def log(self, name: str) -> Path:
-        return self.folder / f"{name}.log"
 
 
 class Process:
@@ -108,31 +79,6 @@ async def started(
 
 
 @dataclass(frozen=True, slots=True)
-class Px4:
-    """PX4 in the loop; the build folder lies around its binary."""
-
-    binary: Path
-    name: str = "px4"
-
-    def link(self, instance: int) -> str:
-        return f"udpin://127.0.0.1:{14540 + instance}"
-
-    def ports(self, instance: int) -> list[tuple[socket.SocketKind, int]]:
-        """Those that one instance and its swingd open."""
-        datagrams = (14540, 14580, 14280, 13030, 18570)
-        return [(socket.SOCK_STREAM, 4560 + instance), *((socket.SOCK_DGRAM, port + instance) for port in datagrams)]
-
-    def command(self, instance: int, folder: Path) -> list[str | Path]:
-        return [self.binary, "-i", str(instance), "-d", "-w", folder, self.binary.parent.parent / "etc"]
-
-    def environment(self) -> dict[str, str]:
-        return {"PX4_SIM_MODEL": "none_iris"}
-
-
-Autopilot = Px4
-
-
-@dataclass(frozen=True, slots=True)
 class Bench:
     """A flight's processes while they run."""
 
@@ -143,7 +89,7 @@ class Bench:
 
 @contextlib.asynccontextmanager
 async def bench(
-    autopilot: Autopilot, parameters: Parameters, correction: Correction, files: Files
+    autopilot: Autopilot, parameters: Parameters, scenario: Scenario, correction: Correction, files: Files
 ) -> AsyncIterator[Bench]:
     """Start everything but the application, and end it.
 
@@ -152,7 +98,9 @@ async def bench(
     autopilot : Autopilot
         Gets an instance number whose ports are free, and an empty folder to run in.
     parameters : Parameters
-        Vehicle, load, wind; for swingd and for the simulation.
+        Vehicle, sensors and gains; for swingd and for the simulation.
+    scenario : Scenario
+        Load, cable and wind.
     correction : Correction
         Off, on, or on with shaping.
     files : Files
@@ -169,14 +117,13 @@ async def bench(
         endpoint = Endpoint(url=f"udpout://127.0.0.1:{application_port}", shaper=correction.shaper)
         parameters = correction.apply(
             replace(
-                parameters,
+                scenario.parameters(parameters),
                 mode=Mode.INLINE,
                 link=replace(parameters.link, autopilot=autopilot.link(instance)),
                 endpoints=(endpoint,),
             )
         )
         files.config.write_text(dump_parameters(parameters), encoding="utf-8")
-        swingd = (sys.executable, "-m", "swingd")
         # What an earlier flight learned must not help this one.
         environment = {"XDG_STATE_HOME": str(folder / "state")}
         async with contextlib.AsyncExitStack() as stack:
@@ -185,19 +132,14 @@ async def bench(
                 context = started(name, command, files.log(name), folder, {**environment, **more})
                 return await stack.enter_async_context(context)
 
-            physics = await start("physics", physics_command(autopilot, instance, files))
-            brain = await start("autopilot", autopilot.command(instance, folder), **autopilot.environment())
-            daemon = await start(
-                "swingd",
-                (*swingd, "run", "-c", files.config, "--record", files.recording, "--summary", files.summary),
-            )
-            yield Bench(f"udpin://127.0.0.1:{application_port}", (physics, brain, daemon))
-
-
-def physics_command(autopilot: Autopilot, instance: int, files: Files) -> list[str | Path]:
-    """The vehicle, the cable and the load behind the autopilot's simulator interface."""
-    hil = ("--hil", autopilot.name, "--instance", str(instance))
-    return [sys.executable, "-m", "swingd", "sim", *hil, "-c", files.config, "--truth", files.truth]
+            physics = autopilot.physics(instance, scenario, files)
+            processes = [] if physics is None else [await start("physics", physics)]
+            flown = autopilot.command(instance, folder, scenario)
+            processes.append(await start("autopilot", flown, **autopilot.environment()))
+            daemon = ("run", "-c", files.config, "--record", files.recording, "--summary", files.summary)
+            processes.append(await start("swingd", (sys.executable, "-m", "swingd", *daemon)))
+            yield Bench(f"udpin://127.0.0.1:{application_port}", tuple(processes))
+        autopilot.leave(folder, scenario, files)
 
 
 _taken: set[int] = set()

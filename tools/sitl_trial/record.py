@@ -10,9 +10,45 @@ import numpy as np
 from swingd.model.errors import SwingdError
 from swingd.model.estimate import FloatArray
 
+COLUMNS = (
+    *("t_boot_s", "swing_lateral_rad", "swing_longitudinal_rad", "heading_rad"),
+    *("veh_n_m", "veh_e_m", "veh_d_m", "veh_vn_m_s", "veh_ve_m_s", "veh_vd_m_s"),
+)
+"""What is read of a truth file, named as in `swingd.sim.truth.COLUMNS`."""
+
 
 class TrialError(SwingdError):
     """A flight could not be flown or read; the text says how far it came."""
+
+
+@dataclass(frozen=True, slots=True)
+class Files:
+    """What a flight leaves in its folder."""
+
+    folder: Path
+
+    @property
+    def config(self) -> Path:
+        return self.folder / "config.yaml"
+
+    @property
+    def truth(self) -> Path:
+        return self.folder / "truth.csv"
+
+    @property
+    def recording(self) -> Path:
+        return self.folder / "flight.swingd"
+
+    @property
+    def summary(self) -> Path:
+        return self.folder / "summary.json"
+
+    @property
+    def flown(self) -> Path:
+        return self.folder / "flown.json"
+
+    def log(self, name: str) -> Path:
+        return self.folder / f"{name}.log"
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,12 +146,8 @@ class Truth:
         names = head.split(",")
         if body.count("\n") < 2:
             raise TrialError(f"{path}: no rows; expected the truth of a flight")
-        wanted = (
-            *("t_boot_s", "swing_lateral_rad", "swing_longitudinal_rad", "heading_rad"),
-            *("veh_n_m", "veh_e_m", "veh_d_m", "veh_vn_m_s", "veh_ve_m_s", "veh_vd_m_s"),
-        )
         try:
-            rows = np.loadtxt(io.StringIO(body), delimiter=",", usecols=[names.index(name) for name in wanted]).T
+            rows = np.loadtxt(io.StringIO(body), delimiter=",", usecols=[names.index(name) for name in COLUMNS]).T
         except ValueError as error:
-            raise TrialError(f"{path}: {error}; expected the columns {', '.join(wanted)}") from None
+            raise TrialError(f"{path}: {error}; expected the columns {', '.join(COLUMNS)}") from None
         return Truth(rows[0], rows[1:3], rows[3], rows[4:7], rows[7:10])

@@ -41,8 +41,15 @@ def _of_flight(flight: Flight, off: Flight | None) -> Iterator[Verdict]:
     if flight.correction is Correction.OFF:
         return
     steps = [step for _, step in off.steps] if off is not None else [None] * len(flight.steps)
-    for (step, found), reference in zip(flight.steps, steps, strict=True):
-        yield from _of_step(f"{where}: {step.manoeuvre} {step.name}", flight, found, reference)
+    for number, ((step, found), reference) in enumerate(zip(flight.steps, steps, strict=True)):
+        place = f"{where}: {step.manoeuvre} {step.name}"
+        yield from _of_step(place, flight, found, reference)
+        following = [later.manoeuvre for later, _ in flight.steps[number + 1 :]]
+        if step.manoeuvre not in following:
+            yield from _held(place, "under 2 deg after [s]", found.settle_s, asked.stop_settle_s, found.settled)
+            if reference is not None:
+                rms = ratio(found.rms_deg, reference.rms_deg)
+                yield from _held(place, "swing RMS, of uncorrected", rms, asked.stop_rms_ratio)
 
 
 def _of_step(where: str, flight: Flight, found: StepFigures, off: StepFigures | None) -> Iterator[Verdict]:
