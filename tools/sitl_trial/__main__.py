@@ -16,7 +16,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
@@ -49,8 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parameters = load_parameters(given.config or CONFIGS[given.autopilot], given.set)
         folder = _folder(given.out or ROOT / f"out/sitl-{given.autopilot}", given.resume)
         trial = Trial(autopilot, parameters, folder, given.quick, console)
-        keys = [(s, c, r) for r in range(1, given.repeats + 1) for s in scenarios for c in given.correction]
-        flights, failures = asyncio.run(trial.fly(keys, given.jobs))
+        keys = [Key(s, c, n) for n in range(1, given.repeats + 1) for s in scenarios for c in given.correction]
+        not_flown = asyncio.run(trial.fly(keys, given.jobs))
+        flights, not_judged = trial.judge(keys)
+        failures = not_flown + not_judged
     except SwingdError as error:
         console.print(f"sitl_trial: {error}")
         return 2
@@ -71,8 +73,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if missed or failures else 0
 
 
+@dataclass(frozen=True, slots=True)
+class Key:
+    """Which flight."""
+
+    scenario: Scenario
+    correction: Correction
+    number: int
+    """Of the repeat, from 1."""
+
+    @property
+    def name(self) -> str:
+        return self.scenario.name if self.number == 1 else f"{self.scenario.name}#{self.number}"
+
+    @property
+    def label(self) -> str:
+        return f"{self.name}, {self.correction}"
+
+    def files(self, folder: Path) -> Files:
+        return Files(folder / self.name / self.correction.value)
+
+
 class Trial:
-    """Flies each flight once and reads what it left."""
+    """Flies each flight once; reads what they left when all have landed, because reading would hold up those that fly."""
 
     def __init__(
         self, autopilot: Autopilot, parameters: Parameters, folder: Path, quick: bool, console: Console
@@ -80,48 +103,56 @@ class Trial:
         self._autopilot, self._parameters, self._folder, self._console = autopilot, parameters, folder, console
         self._quick = quick
 
-    async def fly(self, keys: list[tuple[Scenario, Correction, int]], jobs: int) -> tuple[list[Flight], list[str]]:
-        """Return the flights in the order asked for, and why others were not flown."""
+    async def fly(self, keys: list[Key], jobs: int) -> list[str]:
+        """Fly what is asked for, so many at once; return why which flight was not flown."""
         turn = asyncio.Semaphore(jobs)
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[doing]}"))
         with Progress(*columns, TimeElapsedColumn(), console=self._console) as progress:
 
-            async def one(key: tuple[Scenario, Correction, int]) -> Flight | str:
+            async def one(key: Key) -> str | None:
                 async with turn:
-                    return await self._one(*key, progress)
+                    return await self._one(key, progress)
 
-            found = await asyncio.gather(*map(one, keys))
-        return [f for f in found if isinstance(f, Flight)], [f for f in found if isinstance(f, str)]
+            return [failure for failure in await asyncio.gather(*map(one, keys)) if failure is not None]
 
-    async def _one(self, scenario: Scenario, correction: Correction, number: int, progress: Progress) -> Flight | str:
-        name = scenario.name if number == 1 else f"{scenario.name}#{number}"
-        label = f"{name}, {correction}"
-        files = Files(self._folder / name / correction.value)
-        task = progress.add_task(f"{label:20}", total=1.0, doing="")
+    async def _one(self, key: Key, progress: Progress) -> str | None:
+        if key.files(self._folder).flown.exists():
+            return None
+        task = progress.add_task(f"{key.label:20}", total=1.0, doing="")
         last = ""
 
         def say(doing: str, share: float) -> None:
             nonlocal last
             progress.update(task, completed=share, doing=doing)
             if doing != last and not self._console.is_terminal:
-                self._console.print(f"{label}: {doing}")
+                self._console.print(f"{key.label}: {doing}")
             last = doing
 
+        simulation = self._parameters.simulation
+        other_noise = replace(simulation, seed=simulation.seed + key.number - 1)
+        parameters = replace(self._parameters, simulation=other_noise)
+        manoeuvres = self._manoeuvres(key.scenario)
         try:
-            if not files.flown.exists():
-                parameters = self._parameters
-                if number > 1:
-                    seed = parameters.simulation.seed + number - 1
-                    parameters = replace(parameters, simulation=replace(parameters.simulation, seed=seed))
-                await fly_once(
-                    self._autopilot, parameters, scenario, self._manoeuvres(scenario), correction, files, say
-                )
-            flight = Flight.load(name, scenario, correction, files)
+            files = key.files(self._folder)
+            await fly_once(self._autopilot, parameters, key.scenario, manoeuvres, key.correction, files, say)
         except TrialError as error:
             say("failed", 1.0)
-            return f"{label}: {error}"
+            return f"{key.label}: {error}"
         say("flown", 1.0)
-        return flight
+        return None
+
+    def judge(self, keys: list[Key]) -> tuple[list[Flight], list[str]]:
+        """Read the flights that were flown, in the order asked for, and why others say nothing."""
+        flights, failures = [], []
+        for key in keys:
+            files = key.files(self._folder)
+            if not files.flown.exists():
+                continue
+            try:
+                flights.append(Flight.load(key.name, key.scenario, key.correction, files))
+            except TrialError as error:
+                failures.append(f"{key.label}: {error}")
+        return flights, failures
 
     def _manoeuvres(self, scenario: Scenario) -> list[Manoeuvre]:
         manoeuvres = list(scenario.manoeuvres(scenario.period_s))

@@ -102,19 +102,19 @@ async def fly(
         If the vehicle is not found, does not arm, climb or enter OFFBOARD, or falls silent.
     """
     say("waiting for the autopilot", 0.0)
-    async with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
-        await mavsdk.add_any_connection(url)
-        system = await mavsdk.first_autopilot(timeout_s=DISCOVERY_S)
-        if system is None:
-            raise TrialError(f"no autopilot on {url} within {DISCOVERY_S:g} s")
-        async with _Pilot.of(system) as pilot:
-            try:
+    try:
+        async with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
+            await mavsdk.add_any_connection(url)
+            system = await mavsdk.first_autopilot(timeout_s=DISCOVERY_S)
+            if system is None:
+                raise TrialError(f"no autopilot on {url} within {DISCOVERY_S:g} s")
+            async with _Pilot.of(system) as pilot:
                 await pilot.set(parameters)
                 await pilot.take_off(scenario.height_m, say)
                 await pilot.manoeuvres(manoeuvres, say)
-            except MavsdkError as error:
-                raise TrialError(f"at {pilot.clock.t_s:.1f} s of the autopilot's clock: {error}") from error
-            return pilot.flown
+                return pilot.flown
+    except MavsdkError as error:
+        raise TrialError(f"MAVSDK: {error}") from error
 
 
 class _Pilot:
