@@ -92,7 +92,7 @@ def _release(plant: Plant, _numbers: list[float]) -> str:
 
 def _hook(plant: Plant, _numbers: list[float]) -> str:
     plant.hook()
-    return f"load of {plant.load_mass_kg:g} kg hooked, cable {plant.cable_length_m:g} m"
+    return f"load of {plant.load_mass_kg:g} kg hooked, cable {plant.cable_length_m:.3g} m"
 
 
 def _kick(plant: Plant, numbers: list[float]) -> str:
@@ -113,7 +113,7 @@ def _length(plant: Plant, numbers: list[float]) -> str:
 def _status(plant: Plant, _numbers: list[float]) -> str:
     truth = plant.truth()
     if truth.attached:
-        swing = f"swing_lateral_deg={degrees(truth.xi_rad):.1f} swing_longitudinal_deg={degrees(truth.zeta_rad):.1f}"
+        swing = f"swing_lateral_deg={_tenths(truth.xi_rad)} swing_longitudinal_deg={_tenths(truth.zeta_rad)}"
         load = f"{'taut' if truth.taut else 'slack'} {swing} tension_n={truth.tension_n:.2f}"
     else:
         load = "released"
@@ -165,6 +165,10 @@ def _triple(vector: Vec3) -> str:
 
 def _comma(vector: Vec3) -> str:
     return ",".join(f"{value:g}" for value in vector)
+
+
+def _tenths(angle_rad: float) -> str:
+    return f"{round(degrees(angle_rad), 1) + 0.0:.1f}"  # no -0.0
 
 
 def _shown(words: list[str]) -> str:
