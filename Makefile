@@ -36,7 +36,7 @@ bench: $(STAMP)  ## speed of the parts, each as a ratio to a peer of the same ru
 	$(BIN)/python -m tools.bench
 
 golden: $(STAMP)  ## rewrite the golden replays; read the diff before committing it
-	$(BIN)/python tools/golden.py --write
+	$(BIN)/python -m tools.golden --write
 
 clean:  ## remove what the other targets made
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build out *.egg-info

@@ -1,7 +1,8 @@
 """Reference flights of the whole engine, so that every numerical change is a diff that a person reads.
 
-Each flight is flown in lockstep against the simulated autopilot with a fixed seed and thinned to 5 Hz. Without options
-the flights are compared with tests/golden; with ``--write`` they replace them: read the diff before committing it.
+Some are flown in lockstep against the simulated autopilot with a fixed seed, others are recordings of real autopilots
+(see `tools.recorded_flight`) that are replayed; all are thinned to 5 Hz. Without options the flights are compared with
+tests/golden; with ``--write`` they replace them: read the diff before committing it.
 """
 
 import argparse
@@ -11,6 +12,7 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -21,6 +23,7 @@ from swingd.model.actions import Action, SwingReport
 from swingd.model.parameters import Mode, Parameters, ThrustSource
 from swingd.sim.lockstep import EngineCompanion, Lockstep
 from swingd.sim.peer import SimulatedAutopilot
+from tools import recorded_flight
 
 FOLDER = Path(__file__).resolve().parent.parent / "tests" / "golden"
 REWRITE = "make golden"
@@ -106,6 +109,14 @@ def fly(scenario: Scenario) -> list[SwingReport]:
 
     Lockstep(peer, EngineCompanion(engine), on_step).run_until(scenario.duration_s)
     return reports
+
+
+def flights() -> dict[str, Callable[[], list[SwingReport]]]:
+    """All flights by name; a call gives the reports of one."""
+    return {
+        **{name: partial(fly, scenario) for name, scenario in scenarios().items()},
+        **{name: partial(recorded_flight.reports, name) for name in recorded_flight.names()},
+    }
 
 
 def rows(reports: Sequence[SwingReport]) -> list[Row]:
@@ -195,8 +206,8 @@ def main(arguments: Sequence[str] | None = None, say: Callable[[str], None] = pr
     parser.add_argument("--write", action="store_true", help="replace the golden files")
     options = parser.parse_args(arguments)
     code = 0
-    for name, scenario in scenarios().items():
-        now = rows(fly(scenario))
+    for name, flight in flights().items():
+        now = rows(flight())
         path = path_of(name)
         before = from_text(path.read_text(encoding="utf-8")) if path.exists() else []
         worst = compare(before, now)

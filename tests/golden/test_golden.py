@@ -1,37 +1,22 @@
 """Golden flights: what the engine computes changes only by intent."""
 
-import importlib.util
 import math
-import sys
+from functools import partial
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
-TOOL = Path(__file__).resolve().parents[2] / "tools" / "golden.py"
+from tools import golden, recorded_flight
 
 
-def _load() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("golden_tool", TOOL)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-golden = _load()
-
-
-@pytest.mark.parametrize("name", golden.scenarios())
+@pytest.mark.parametrize("name", golden.flights())
 def test_flight_is_as_it_was(name: str) -> None:
     before = golden.from_text(golden.path_of(name).read_text(encoding="utf-8"))
-    worst = golden.compare(before, golden.rows(golden.fly(golden.scenarios()[name])))
+    worst = golden.compare(before, golden.rows(golden.flights()[name]()))
     assert worst.ratio <= 1.0, f"{worst.text}; if that is meant: {golden.REWRITE}, and read the diff"
 
 
-@pytest.mark.parametrize("name", golden.scenarios())
+@pytest.mark.parametrize("name", golden.flights())
 def test_the_files_hold_a_flight_with_a_correction(name: str) -> None:
     table = golden.from_text(golden.path_of(name).read_text(encoding="utf-8"))
     assert len(table) > 100
@@ -39,6 +24,12 @@ def test_the_files_hold_a_flight_with_a_correction(name: str) -> None:
     assert max(math.hypot(float(row["acc_n_mps2"]), float(row["acc_e_mps2"])) for row in table) > 0.5
     assert max(math.hypot(float(row["xi_rad"]), float(row["zeta_rad"])) for row in table) > 0.15
     assert golden.to_text(table) == golden.path_of(name).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", recorded_flight.names())
+def test_on_a_real_autopilot_the_estimate_shows_the_true_swing(name: str) -> None:
+    lateral_deg, longitudinal_deg = recorded_flight.rmse_deg(name, recorded_flight.reports(name))
+    assert max(lateral_deg, longitudinal_deg) < 0.6
 
 
 def table(value: float = 0.5, health: str = "ready") -> list[dict[str, str]]:
@@ -67,9 +58,9 @@ def test_any_other_difference_is_told(now: list[dict[str, str]], words: str) -> 
 
 
 def test_writing_makes_the_comparison_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    short = {"short": golden.Scenario(golden.Parameters(), (0.0, 0.0, 0.0), 0.0, 3.0)}
+    short = {"short": partial(golden.fly, golden.Scenario(golden.Parameters(), (0.0, 0.0, 0.0), 0.0, 3.0))}
     monkeypatch.setattr(golden, "FOLDER", tmp_path)
-    monkeypatch.setattr(golden, "scenarios", lambda: short)
+    monkeypatch.setattr(golden, "flights", lambda: short)
     said: list[str] = []
     assert golden.main([], said.append) == 1
     assert "make golden" in said[-1]
