@@ -95,7 +95,7 @@ class Key:
 
 
 class Trial:
-    """Flies each flight once; reads what they left when all have landed, because reading would hold up those that fly."""
+    """Flies each flight once; reads what they left when all have landed, for reading holds up those that fly."""
 
     def __init__(
         self, autopilot: Autopilot, parameters: Parameters, folder: Path, quick: bool, console: Console
