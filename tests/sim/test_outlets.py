@@ -389,8 +389,8 @@ async def run_for(pace: Pace, duration_s: float) -> int:
 async def test_the_factor_is_what_was_achieved_lately() -> None:
     pace = Pace(5.0)
     assert pace.factor == 0.0
-    assert await run_for(pace, 0.5) * DT_S == pytest.approx(2.5, rel=0.1)
-    assert pace.factor == pytest.approx(5.0, rel=0.1)
+    assert await run_for(pace, 0.5) * DT_S == pytest.approx(2.5, rel=0.2)
+    assert pace.factor == pytest.approx(5.0, rel=0.2)
     # A simulation that needs 2 ms for its step of 4 ms cannot run five times as fast as time.
     for _ in range(1000):
         await pace.due()
@@ -402,5 +402,5 @@ async def test_a_stall_is_caught_up_in_part() -> None:
     pace = Pace(1.0)
     await run_for(pace, 0.1)
     time.sleep(1.0)
-    assert (await run_for(pace, 0.1)) * DT_S == pytest.approx(CATCH_UP_MAX_S + 0.1, abs=0.03)
+    assert (await run_for(pace, 0.1)) * DT_S == pytest.approx(CATCH_UP_MAX_S + 0.1, abs=0.06)
     assert pace.factor < 0.7
