@@ -20,7 +20,9 @@ LEVEL_S = 1.0
 """The altitude is held against its mean over this long before the command."""
 DECAY_LEAD_PERIODS = 1.5
 """The free decay is looked at from here on, when the vehicle has done what was commanded."""
-DECAY_MIN_RAD = math.radians(0.5)
+DECAY_MIN_RAD = math.radians(2.0)
+DAMPING_MAX = 0.4
+"""More of it is no oscillation that could be told from a lean."""
 REAL_TIME_WINDOW_S = 2.0
 
 
@@ -160,7 +162,7 @@ def fit_decay(t_s: FloatArray, angle_rad: FloatArray, period_s: float) -> Decay 
     Returns
     -------
     Decay or None
-        None if it swings by less than half a degree, or for less than two periods.
+        None if it swings by less than 2 deg, for less than two periods, or dies out within one.
     """
     centred = angle_rad - angle_rad.mean()
     if t_s[-1] - t_s[0] < 2.0 * period_s or np.abs(centred).max() < DECAY_MIN_RAD:
@@ -177,6 +179,8 @@ def fit_decay(t_s: FloatArray, angle_rad: FloatArray, period_s: float) -> Decay 
     bounds = ([-0.2, 0.6 * omega, -2.0, -2.0, -1.0], [0.9, 1.6 * omega, 2.0, 2.0, 1.0])
     found = least_squares(lambda x: model(x) - centred, np.clip(start, *bounds), bounds=bounds, x_scale="jac")
     damping_ratio, natural = float(found.x[0]), float(found.x[1])
+    if damping_ratio > DAMPING_MAX:
+        return None
     return Decay(2.0 * math.pi / (natural * math.sqrt(1.0 - damping_ratio**2)), damping_ratio)
 
 
