@@ -3,6 +3,7 @@
     python -m tools.sitl_trial --autopilot px4 --binary PX4-Autopilot/build/px4_sitl_default/bin/px4
     python -m tools.sitl_trial --autopilot ardupilot --binary ardupilot/build/sitl/bin/arducopter \
         --defaults ardupilot/Tools/autotest/default_params/copter.parm
+    python -m tools.sitl_trial --autopilot simulated
 
 For each flight the autopilot, ``swingd sim --hil``, ``swingd run`` in line and a MAVSDK application are started anew,
 in real time. The folder gets tables (trial.md, trial.csv, trial.json), a picture of each manoeuvre, and of each flight
@@ -27,7 +28,7 @@ from swingd.model.errors import SwingdError
 from swingd.model.parameters import Parameters
 
 from . import report
-from .autopilots import Autopilot, Copter, Px4
+from .autopilots import Autopilot, Copter, Px4, Simulated
 from .flight import Flight, fly_once
 from .picture import draw
 from .plan import COPTER, PX4, Correction, Manoeuvre, Scenario
@@ -35,8 +36,12 @@ from .record import Files, TrialError
 from .verdict import verdicts
 
 ROOT = Path(__file__).parents[2]
-SCENARIOS = {"px4": PX4, "ardupilot": COPTER}
-CONFIGS = {"px4": ROOT / "configs/iris.yaml", "ardupilot": Path(__file__).parent / "copter.yaml"}
+SCENARIOS = {"px4": PX4, "ardupilot": COPTER, "simulated": PX4}
+CONFIGS = {
+    "px4": ROOT / "configs/iris.yaml",
+    "ardupilot": Path(__file__).parent / "copter.yaml",
+    "simulated": ROOT / "configs/iris.yaml",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -184,6 +189,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _autopilot(given: argparse.Namespace) -> Autopilot:
+    if given.autopilot == "simulated":
+        return Simulated()
     if given.autopilot == "px4":
         return Px4(_file(given.binary, "--binary", "SWINGD_PX4", "bin/px4 of a SITL build"))
     return Copter(

@@ -28,8 +28,8 @@ class Autopilot(Protocol):
     def ports(self, instance: int) -> Ports:
         """Those that one instance, its physics and its swingd open."""
 
-    def command(self, instance: int, folder: Path, scenario: Scenario) -> Command:
-        """How it is started, in a folder of its own."""
+    def command(self, instance: int, folder: Path, scenario: Scenario) -> Command | None:
+        """How it is started, in a folder of its own; None if the physics brings it."""
 
     def environment(self) -> Mapping[str, str]:
         """What it needs besides."""
@@ -41,18 +41,45 @@ class Autopilot(Protocol):
         """Keep what its folder holds of the truth, when it has ended; may raise `TrialError`."""
 
 
+_PX4_PARAMETERS: Mapping[str, int] = {
+    "COM_OBL_RC_ACT": 5,  # hold, where setpoints stop
+    "COM_RC_IN_MODE": 4,  # no remote control
+    "COM_RCL_EXCEPT": 4,  # nor is it missed in OFFBOARD
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """swingd's own simulated PX4: what the real one is compared with."""
+
+    parameters: Mapping[str, int] = field(default_factory=lambda: _PX4_PARAMETERS)
+
+    def link(self, instance: int) -> str:
+        return f"udpin://127.0.0.1:{14740 + instance}"
+
+    def ports(self, instance: int) -> Ports:
+        return [(socket.SOCK_DGRAM, 14740 + instance)]
+
+    def command(self, instance: int, folder: Path, scenario: Scenario) -> Command | None:
+        return None
+
+    def environment(self) -> Mapping[str, str]:
+        return {}
+
+    def physics(self, instance: int, scenario: Scenario, files: Files) -> Command | None:
+        link = ("--mavlink", f"udpout://127.0.0.1:{14740 + instance}", "--set", "simulation.mavlink_bind_port=0")
+        return [sys.executable, "-m", "swingd", "sim", *link, "-c", files.config, "--truth", files.truth]
+
+    def leave(self, folder: Path, scenario: Scenario, files: Files) -> None:
+        """Nothing: the truth is the simulation's."""
+
+
 @dataclass(frozen=True, slots=True)
 class Px4:
     """PX4; its build folder lies around the binary."""
 
     binary: Path
-    parameters: Mapping[str, int] = field(
-        default_factory=lambda: {
-            "COM_OBL_RC_ACT": 5,  # hold, where setpoints stop
-            "COM_RC_IN_MODE": 4,  # no remote control
-            "COM_RCL_EXCEPT": 4,  # nor is it missed in OFFBOARD
-        }
-    )
+    parameters: Mapping[str, int] = field(default_factory=lambda: _PX4_PARAMETERS)
 
     def link(self, instance: int) -> str:
         return f"udpin://127.0.0.1:{14540 + instance}"

@@ -135,7 +135,8 @@ async def bench(
             physics = autopilot.physics(instance, scenario, files)
             processes = [] if physics is None else [await start("physics", physics)]
             flown = autopilot.command(instance, folder, scenario)
-            processes.append(await start("autopilot", flown, **autopilot.environment()))
+            if flown is not None:
+                processes.append(await start("autopilot", flown, **autopilot.environment()))
             daemon = ("run", "-c", files.config, "--record", files.recording, "--summary", files.summary)
             processes.append(await start("swingd", (sys.executable, "-m", "swingd", *daemon)))
             yield Bench(f"udpin://127.0.0.1:{application_port}", tuple(processes))
