@@ -6,14 +6,11 @@ from swingd.control.base import Vec2
 from swingd.control.nominal import NominalMotion
 from swingd.model.events import AutopilotKind, SetpointUse, Vec3
 from swingd.model.parameters import Parameters, ShaperName
-from swingd.pipeline.merge import Reference
+from swingd.pipeline.merge import ACC_XY, POS_XY, VEL_XY, Reference
 from swingd.pipeline.shaping import Shaper, Target
 
 CARRIED_MAX_S = 0.25
 """A position that is given with its velocity moves on with it for this long after it came."""
-_POS_XY = SetpointUse.POS_N | SetpointUse.POS_E
-_VEL_XY = SetpointUse.VEL_N | SetpointUse.VEL_E
-_ACC_XY = SetpointUse.ACC_N | SetpointUse.ACC_E
 _ZERO: Vec2 = (0.0, 0.0)
 
 
@@ -99,11 +96,11 @@ class FeedForward:
         if target.pos_m is not None:
             (n, e), (lag_n, lag_e) = motion.pos_m, plan.lag_m
             pos = _blended(pos, (n - lag_n, e - lag_e), fade)
-        vel = reference.vel_ned_mps if use & _VEL_XY else (0.0, 0.0, reference.vel_ned_mps[2])
-        acc = reference.acc_ned_mps2 if use & _ACC_XY else (0.0, 0.0, reference.acc_ned_mps2[2])
+        vel = reference.vel_ned_mps if use & VEL_XY else (0.0, 0.0, reference.vel_ned_mps[2])
+        acc = reference.acc_ned_mps2 if use & ACC_XY else (0.0, 0.0, reference.acc_ned_mps2[2])
         return replace(
             reference,
-            use=use | (SetpointUse.VEL | SetpointUse.ACC if whole else _VEL_XY | _ACC_XY),
+            use=use | (SetpointUse.VEL | SetpointUse.ACC if whole else VEL_XY | ACC_XY),
             pos_ned_m=pos,
             vel_ned_mps=_blended(_kept_down(vel, use, SetpointUse.VEL_D), plan.vel_mps, fade),
             acc_ned_mps2=_blended(_kept_down(acc, use, SetpointUse.ACC_D), plan.acc_mps2, fade),
@@ -114,13 +111,13 @@ def _target(reference: Reference, age_s: float) -> Target | None:
     """What a reference asks of the horizontal motion; None where it asks for no place and no velocity."""
     use = reference.use
     pos, vel = reference.pos_ned_m[:2], reference.vel_ned_mps[:2]
-    if use & _VEL_XY != _VEL_XY:
+    if use & VEL_XY != VEL_XY:
         vel = _ZERO
-    if use & _POS_XY == _POS_XY:
+    if use & POS_XY == POS_XY:
         carried_s = min(age_s, CARRIED_MAX_S)
         place = (pos[0] + carried_s * vel[0], pos[1] + carried_s * vel[1])
         return Target(vel if age_s < CARRIED_MAX_S else _ZERO, place)
-    return Target(vel) if use & _VEL_XY == _VEL_XY else None
+    return Target(vel) if use & VEL_XY == VEL_XY else None
 
 
 def _kept_down(vector: Vec3, use: SetpointUse, down: SetpointUse) -> Vec3:

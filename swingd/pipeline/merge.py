@@ -7,9 +7,9 @@ from swingd.control.base import Vec2
 from swingd.model.events import AppSetpoint, AutopilotKind, SetpointUse, Vec3
 from swingd.pipeline.correction import NO_PUSH, Push
 
-_POS_XY = SetpointUse.POS_N | SetpointUse.POS_E
-_VEL_XY = SetpointUse.VEL_N | SetpointUse.VEL_E
-_ACC_XY = SetpointUse.ACC_N | SetpointUse.ACC_E
+POS_XY = SetpointUse.POS_N | SetpointUse.POS_E
+VEL_XY = SetpointUse.VEL_N | SetpointUse.VEL_E
+ACC_XY = SetpointUse.ACC_N | SetpointUse.ACC_E
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -44,19 +44,17 @@ def is_correctable(use: SetpointUse, kind: AutopilotKind) -> bool:
     approaches a position that stands alone by a path of its own, which a correction would only disturb.
     """
     if kind is AutopilotKind.PX4:
-        groups = [use & group for group in (_POS_XY, _VEL_XY, _ACC_XY)]
-        paired = all(
-            part in (SetpointUse.NONE, group) for part, group in zip(groups, (_POS_XY, _VEL_XY, _ACC_XY), strict=True)
-        )
-        return paired and any(groups)
+        pairs = (POS_XY, VEL_XY, ACC_XY)
+        return _takes_whole(use, pairs) and any(use & pair for pair in pairs)
     if kind is AutopilotKind.ARDUPILOT:
-        parts = [use & group for group in (SetpointUse.POS, SetpointUse.VEL, SetpointUse.ACC)]
-        whole = all(
-            part in (SetpointUse.NONE, group)
-            for part, group in zip(parts, (SetpointUse.POS, SetpointUse.VEL, SetpointUse.ACC), strict=True)
-        )
-        return whole and bool(parts[1] or (parts[2] and not parts[0]))
+        pos, vel, acc = groups = SetpointUse.POS, SetpointUse.VEL, SetpointUse.ACC
+        return _takes_whole(use, groups) and bool(use & vel or (use & acc and not use & pos))
     return False
+
+
+def _takes_whole(use: SetpointUse, groups: tuple[SetpointUse, ...]) -> bool:
+    """Whether each group is used with all of its components or with none."""
+    return all(use & group in (SetpointUse.NONE, group) for group in groups)
 
 
 def merge(reference: Reference, push: Push, kind: AutopilotKind) -> Reference:
@@ -70,16 +68,16 @@ def merge(reference: Reference, push: Push, kind: AutopilotKind) -> Reference:
     use = reference.use
     whole = kind is AutopilotKind.ARDUPILOT
     pos, vel, acc = reference.pos_ned_m, reference.vel_ned_mps, reference.acc_ned_mps2
-    has_pos, has_vel = bool(use & _POS_XY), bool(use & _VEL_XY)
+    has_pos, has_vel = bool(use & POS_XY), bool(use & VEL_XY)
     if has_pos:
         pos = _added(pos, push.pos_m)
     if has_pos or has_vel:
         vel = _added(vel if has_vel else (0.0, 0.0, vel[2]), push.vel_mps)
-        use |= SetpointUse.VEL if whole else _VEL_XY
-    acc_n, acc_e, _ = acc if use & _ACC_XY else _ZERO
+        use |= SetpointUse.VEL if whole else VEL_XY
+    acc_n, acc_e, _ = acc if use & ACC_XY else _ZERO
     acc_d = acc[2] if use & SetpointUse.ACC_D else 0.0
     acc = (acc_n + push.acc_mps2[0], acc_e + push.acc_mps2[1], acc_d)
-    use |= SetpointUse.ACC if whole else _ACC_XY
+    use |= SetpointUse.ACC if whole else ACC_XY
     return Reference(use, pos, vel, acc, reference.yaw_rad, reference.yaw_rate_radps)
 
 

@@ -9,12 +9,9 @@ import pytest
 from swingd.model.events import AutopilotKind, SetpointUse, Vec3
 from swingd.model.parameters import Parameters, ShaperName
 from swingd.pipeline.feed_forward import CARRIED_MAX_S, FeedForward
-from swingd.pipeline.merge import Reference
+from swingd.pipeline.merge import ACC_XY, POS_XY, VEL_XY, Reference
 
 DT_S = 0.01
-VEL_XY = SetpointUse.VEL_N | SetpointUse.VEL_E
-POS_XY = SetpointUse.POS_N | SetpointUse.POS_E
-ACC_XY = SetpointUse.ACC_N | SetpointUse.ACC_E
 PX4, ARDUPILOT = AutopilotKind.PX4, AutopilotKind.ARDUPILOT
 NO_SWING = ((0.0, 0.0), (0.0, 0.0))
 
