@@ -10,18 +10,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from ports import udp_port
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 X500 = str(CONFIGS / "x500.yaml")
 
 pytestmark = pytest.mark.live
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @contextmanager
@@ -51,7 +45,7 @@ def doctor(port: int, *arguments: str, home: Path) -> subprocess.CompletedProces
 
 
 def test_the_page_names_everything_and_ends_with_the_verdict(tmp_path: Path) -> None:
-    port = free_port()
+    port = udp_port()
     with simulation(port):
         found = doctor(port, "-c", X500, "--set", "mode=hold", "--seconds", "5", home=tmp_path)
     assert found.returncode == 1
@@ -76,7 +70,7 @@ def test_the_page_names_everything_and_ends_with_the_verdict(tmp_path: Path) -> 
 
 
 def test_json_is_one_object_and_0_means_ready(tmp_path: Path) -> None:
-    port = free_port()
+    port = udp_port()
     with simulation(port):
         found = doctor(port, "-c", X500, "--json", "--seconds", "4", home=tmp_path)
     assert found.returncode == 0, found.stderr
@@ -93,7 +87,7 @@ def test_json_is_one_object_and_0_means_ready(tmp_path: Path) -> None:
 
 
 def test_silence_is_not_ready_and_says_what_to_check(tmp_path: Path) -> None:
-    port = free_port()
+    port = udp_port()
     found = doctor(port, "-c", X500, "--seconds", "4", home=tmp_path)
     assert found.returncode == 1
     assert found.stdout.splitlines()[-1] == "not ready for mode shadow: link silent"
@@ -118,7 +112,7 @@ def test_what_a_ground_station_has_set_is_judged_too(tmp_path: Path) -> None:
     state.close()
     assert state.path is not None
     kept = state.path.read_bytes()
-    port = free_port()
+    port = udp_port()
     with simulation(port):
         found = doctor(port, "-c", X500, "--json", "--seconds", "4", home=tmp_path)
         overruled = doctor(port, "-c", X500, "--set", "vehicle.mass_kg=2.1", "--seconds", "4", home=tmp_path)
@@ -148,7 +142,7 @@ def test_a_taken_port_ends_with_1_and_the_way_round(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_begin_has_its_own_code(arguments: list[str], code: int, words: str, tmp_path: Path) -> None:
-    found = doctor(free_port(), "-c", X500, *arguments, home=tmp_path)
+    found = doctor(udp_port(), "-c", X500, *arguments, home=tmp_path)
     assert found.returncode == code
     assert words in found.stderr
     assert found.stdout == ""

@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 import pytest
+from ports import tcp_port
 
 from swingd.link.codec import Codec
 from swingd.link.transport import Transport, TransportState, open_transport
@@ -255,9 +256,7 @@ async def test_a_datagram_that_is_too_long_is_dropped():
 
 
 async def test_tcp_client_waits_for_its_server_and_comes_back():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = tcp_port()
     async with transport(f"tcpout://127.0.0.1:{port}") as (client, received):
         await until(lambda: client.counters.errors > 0)
         client.send(b"nobody hears this")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import uvloop
+from ports import udp_port
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.config.loader import parameters_from_json
@@ -28,13 +29,6 @@ from swingd.sim.run import run_simulation
 pytestmark = pytest.mark.live
 
 LOOPS = {"asyncio": asyncio.new_event_loop, "uvloop": uvloop.new_event_loop}
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def linked(autopilot: str, mavlink_url: str, speed: float) -> Parameters:
@@ -114,7 +108,7 @@ def judge(summary: Summary, peer: SimulatedAutopilot) -> None:
 
 @pytest.mark.parametrize("loop", LOOPS)
 def test_it_flies_over_udp_and_records_what_it_did(loop: str, tmp_path: Path) -> None:
-    port = free_port()
+    port = udp_port()
     parameters = linked(f"udpin://127.0.0.1:{port}", f"udpout://127.0.0.1:{port}", 4.0)
     record = tmp_path / "flight.swingd"
     with asyncio.Runner(loop_factory=LOOPS[loop]) as runner:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ports import udp_port
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.codec import Codec, cut_frames
@@ -38,13 +39,6 @@ SAID = {
 }
 ASKED = {mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_REQUEST_MESSAGE}
 KEY = bytes(range(32))
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def linked(port: int, mode: Mode = Mode.HOLD, kind: AutopilotKind = AutopilotKind.PX4) -> Parameters:
@@ -101,7 +95,7 @@ def dangers(diagnosis: Diagnosis) -> list[Advice]:
 
 
 async def test_a_vehicle_on_the_ground_is_ready_and_everything_is_measured() -> None:
-    port = free_port()
+    port = udp_port()
     parameters = linked(port)
     peer = SimulatedAutopilot(parameters, GOOD)
     recorder = Recorder(peer)
@@ -172,7 +166,7 @@ async def test_a_vehicle_on_the_ground_is_ready_and_everything_is_measured() -> 
 
 
 async def test_a_default_px4_is_not_ready_and_the_reason_comes_first() -> None:
-    diagnosis = await examined(linked(free_port()), {})
+    diagnosis = await examined(linked(udp_port()), {})
     assert not diagnosis.ready
     assert [danger.name for danger in dangers(diagnosis)] == ["COM_OBL_RC_ACT"]
     assert diagnosis.findings[0].name == "COM_OBL_RC_ACT"
@@ -181,7 +175,7 @@ async def test_a_default_px4_is_not_ready_and_the_reason_comes_first() -> None:
 
 async def test_a_copter_is_read_by_its_own_rules() -> None:
     values = {"PSC_VELXY_P": 3.0, "GUID_TIMEOUT": 3.0}
-    diagnosis = await examined(linked(free_port(), kind=AutopilotKind.ARDUPILOT), values)
+    diagnosis = await examined(linked(udp_port(), kind=AutopilotKind.ARDUPILOT), values)
     assert diagnosis.autopilot is not None
     assert diagnosis.autopilot.kind is AutopilotKind.ARDUPILOT
     assert diagnosis.values["PSC_VELXY_P"] == 3.0
@@ -207,7 +201,7 @@ def hovering(parameters: Parameters) -> SimulatedAutopilot:
 
 
 async def test_in_the_air_the_hover_is_measured_and_the_streams_are_left_alone() -> None:
-    parameters = linked(free_port())
+    parameters = linked(udp_port())
     peer = hovering(parameters)
     recorder = Recorder(peer)
     async with flying(parameters, peer):
@@ -232,7 +226,7 @@ async def test_in_the_air_the_hover_is_measured_and_the_streams_are_left_alone()
 
 
 async def test_whoever_interrupts_it_leaves_the_streams_as_they_were() -> None:
-    parameters = linked(free_port())
+    parameters = linked(udp_port())
     peer = SimulatedAutopilot(parameters, GOOD)
     recorder = Recorder(peer)
     async with flying(parameters, peer):
@@ -252,7 +246,7 @@ async def test_whoever_interrupts_it_leaves_the_streams_as_they_were() -> None:
 
 async def test_without_an_imu_it_is_not_ready() -> None:
     imu = carrier(AutopilotKind.PX4, Stream.IMU)
-    diagnosis = await examined(linked(free_port()), without={imu})
+    diagnosis = await examined(linked(udp_port()), without={imu})
     assert streams(diagnosis)[Stream.IMU].verdict == "refused"
     (danger,) = dangers(diagnosis)
     assert danger.name == "imu"
@@ -261,8 +255,8 @@ async def test_without_an_imu_it_is_not_ready() -> None:
 
 async def test_a_link_that_loses_frames_is_told_by_gaps_and_rates() -> None:
     """Every second frame is lost on the way."""
-    parameters = linked(free_port())
-    inlet = free_port()
+    parameters = linked(udp_port())
+    inlet = udp_port()
     loop = asyncio.get_running_loop()
     dice = random.Random(1)
 
@@ -293,7 +287,7 @@ async def test_a_link_that_loses_frames_is_told_by_gaps_and_rates() -> None:
 
 
 async def test_silence_says_what_to_check() -> None:
-    parameters = linked(free_port())
+    parameters = linked(udp_port())
     begun_s = time.monotonic()
     diagnosis = await examine(parameters, 1.0)
     assert 1.0 < time.monotonic() - begun_s < 2.0
@@ -325,7 +319,7 @@ async def talking(port: int, make: Callable[[], bytes]) -> AsyncIterator[None]:
 
 
 async def test_garbage_is_called_so() -> None:
-    port = free_port()
+    port = udp_port()
     dice = random.Random(7)
     async with talking(port, lambda: dice.randbytes(40)):
         diagnosis = await examine(linked(port), 1.0)
@@ -336,7 +330,7 @@ async def test_garbage_is_called_so() -> None:
 
 
 async def test_garbage_between_frames_is_counted() -> None:
-    port = free_port()
+    port = udp_port()
     parameters = linked(port)
     dice = random.Random(7)
     peer = SimulatedAutopilot(parameters, GOOD)
@@ -356,7 +350,7 @@ async def test_garbage_between_frames_is_counted() -> None:
 
 
 async def test_a_ground_station_alone_is_no_autopilot() -> None:
-    port = free_port()
+    port = udp_port()
     codec = Codec(255, 190)
     async with talking(port, lambda: codec.encode(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))):
         diagnosis = await examine(linked(port), 1.0)
@@ -365,7 +359,7 @@ async def test_a_ground_station_alone_is_no_autopilot() -> None:
 
 
 async def test_another_system_than_the_configured_one_is_named() -> None:
-    parameters = linked(free_port())
+    parameters = linked(udp_port())
     parameters = replace(parameters, link=replace(parameters.link, system_id=7))
     diagnosis = await examined(parameters, seconds=1.5)
     (finding,) = diagnosis.findings
@@ -374,7 +368,7 @@ async def test_another_system_than_the_configured_one_is_named() -> None:
 
 
 async def test_a_signing_autopilot_wants_a_key(tmp_path: Path) -> None:
-    parameters = linked(free_port())
+    parameters = linked(udp_port())
     signing = {"signing_key": KEY, "signing_start_unix_s": time.time()}
     diagnosis = await examined(parameters, **signing)
     assert diagnosis.link.signed
@@ -395,13 +389,13 @@ async def test_a_signing_autopilot_wants_a_key(tmp_path: Path) -> None:
 
 
 async def test_a_key_that_cannot_be_read_is_a_configuration_error(tmp_path: Path) -> None:
-    parameters = linked(free_port())
+    parameters = linked(udp_port())
     with pytest.raises(ConfigurationError, match="cannot be read"):
         await examine(replace(parameters, link=replace(parameters.link, key_file=str(tmp_path / "none"))), 1.0)
 
 
 async def test_a_link_that_is_not_understood_is_an_error() -> None:
-    parameters = linked(free_port())
+    parameters = linked(udp_port())
     with pytest.raises(LinkUrlError, match="carrier-pigeon"):
         await examine(replace(parameters, link=replace(parameters.link, autopilot="carrier-pigeon://x")), 1.0)
 
@@ -423,8 +417,8 @@ async def test_a_port_that_is_taken_says_how_to_go_through_swingd(endpoints: tup
 
 
 async def test_through_a_running_swingd_it_only_looks() -> None:
-    parameters = linked(free_port())
-    endpoint = free_port()
+    parameters = linked(udp_port())
+    endpoint = udp_port()
     served = replace(parameters, endpoints=(Endpoint(url=f"udpin://127.0.0.1:{endpoint}"),))
     peer = SimulatedAutopilot(parameters, GOOD)
     recorder = Recorder(peer)

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from .test_processes import udp_port
+from ports import udp_port
 
 pytestmark = pytest.mark.live
 

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ports import udp_port
 from pymavlink import mavutil
 
 from swingd.model.ground_parameters import GROUND_PARAMETERS
 from swingd.model.parameters import Parameters
-
-from .test_processes import udp_port
 
 pytestmark = pytest.mark.live
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from ports import udp_port
 
 from swingd.config.loader import parameters_from_json
 from swingd.record.event_log import EventLogReader, RecordKind
@@ -38,13 +39,6 @@ def start() -> Iterator[Start]:
         if process.poll() is None:
             process.kill()
         process.communicate()
-
-
-def udp_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def wait_for(condition: Callable[[], bool], *processes: "subprocess.Popen[str]", at_most_s: float = 60.0) -> None:

@@ -13,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from ports import udp_port
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.codec import Encoder, Framer
@@ -20,8 +21,6 @@ from swingd.model.parameters import Parameters
 from swingd.sim.autopilot import NavState
 from swingd.sim.peer import SimulatedAutopilot
 from swingd.sim.run import run_simulation
-
-from .test_processes import udp_port
 
 pytestmark = pytest.mark.live
 

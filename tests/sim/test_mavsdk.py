@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import socket
 from collections.abc import AsyncIterator, Callable, Iterable
 from dataclasses import replace
 from math import hypot
@@ -16,6 +15,7 @@ from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.asyncio.plugins.offboard import OffboardAsync, OffboardError, VelocityNedYaw
 from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.asyncio.plugins.telemetry import LandedState, TelemetryAsync
+from ports import udp_port
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.codec import Codec
@@ -34,9 +34,7 @@ GUIDED = Codec(255, 190).encode(mavlink.MAVLink_command_long_message(1, 1, 176, 
 @pytest.fixture
 async def flight(request: pytest.FixtureRequest) -> AsyncIterator[tuple[SimulatedAutopilot, Mavsdk]]:
     """A running simulation and a MAVSDK that listens to it."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = udp_port()
     parameters = Parameters()
     parameters = replace(
         parameters,
