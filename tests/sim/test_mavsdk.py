@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from dataclasses import replace
 from math import hypot
 from typing import Any
@@ -31,9 +31,13 @@ GUIDED = Codec(255, 190).encode(mavlink.MAVLink_command_long_message(1, 1, 176, 
 """What a ground station sends for Copter's mode GUIDED."""
 
 
+FLOWN_WITH = (ActionAsync, OffboardAsync, TelemetryAsync, ParamAsync)
+Flight = tuple[SimulatedAutopilot, Any]
+
+
 @pytest.fixture
-async def flight(request: pytest.FixtureRequest) -> AsyncIterator[tuple[SimulatedAutopilot, Mavsdk]]:
-    """A running simulation and a MAVSDK that listens to it."""
+async def flight(request: pytest.FixtureRequest) -> AsyncIterator[Flight]:
+    """A running simulation and the system that MAVSDK finds in it."""
     port = udp_port()
     parameters = Parameters()
     parameters = replace(
@@ -49,12 +53,27 @@ async def flight(request: pytest.FixtureRequest) -> AsyncIterator[tuple[Simulate
     )
     peer = SimulatedAutopilot(parameters)
     task = asyncio.create_task(run_simulation(parameters, peer=peer))
-    async with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
-        await mavsdk.add_any_connection(f"udpin://127.0.0.1:{port}")
-        yield peer, mavsdk
-    task.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await task
+    try:
+        async with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
+            await mavsdk.add_any_connection(f"udpin://127.0.0.1:{port}")
+            system = await mavsdk.first_autopilot(timeout_s=10.0)
+            assert system is not None
+            yield peer, system
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+
+@contextlib.contextmanager
+def plugins(system: Any, *kinds: Callable[[Any], Any]) -> Iterator[list[Any]]:
+    """MAVSDK's plugins for a system, destroyed at the end."""
+    opened = [kind(system) for kind in kinds]
+    try:
+        yield opened
+    finally:
+        for plugin in opened:
+            plugin.destroy()
 
 
 async def _until(condition: Callable[[], bool], timeout_s: float) -> None:
@@ -68,20 +87,10 @@ def _described(items: Iterable[Any]) -> list[str]:
     return [repr((item.command, item.frame, item.x, item.y, item.z)) for item in items]
 
 
-async def test_mavsdk_arms_takes_off_flies_offboard_and_lands(
-    flight: tuple[SimulatedAutopilot, Mavsdk],
-) -> None:
-    peer, mavsdk = flight
-    system = await mavsdk.first_autopilot(timeout_s=10.0)
-    assert system is not None
+async def test_mavsdk_arms_takes_off_flies_offboard_and_lands(flight: Flight) -> None:
+    peer, system = flight
     assert await system.get_system_id() == 1
-    action, offboard, telemetry, param = (
-        ActionAsync(system),
-        OffboardAsync(system),
-        TelemetryAsync(system),
-        ParamAsync(system),
-    )
-    try:
+    with plugins(system, *FLOWN_WITH) as (action, offboard, telemetry, param):
         assert await param.get_param_int("COM_OBL_RC_ACT") == 0
         await param.set_param_int("COM_OBL_RC_ACT", 5)
         assert peer.px4["COM_OBL_RC_ACT"] == 5
@@ -109,19 +118,11 @@ async def test_mavsdk_arms_takes_off_flies_offboard_and_lands(
         await action.land()
         await _until(lambda: not peer.autopilot.armed, 15.0)
         assert peer.truth().grounded
-    finally:
-        for plugin in (action, offboard, telemetry, param):
-            plugin.destroy()
 
 
-async def test_mavsdk_uploads_a_mission_and_downloads_it_unchanged(
-    flight: tuple[SimulatedAutopilot, Mavsdk],
-) -> None:
-    peer, mavsdk = flight
-    system = await mavsdk.first_autopilot(timeout_s=10.0)
-    assert system is not None
-    mission, raw = MissionAsync(system), MissionRawAsync(system)
-    try:
+async def test_mavsdk_uploads_a_mission_and_downloads_it_unchanged(flight: Flight) -> None:
+    peer, system = flight
+    with plugins(system, MissionAsync, MissionRawAsync) as (mission, raw):
         sent = [
             MissionItem(
                 latitude_deg=47.3977 + 1e-4 * i,
@@ -152,23 +153,12 @@ async def test_mavsdk_uploads_a_mission_and_downloads_it_unchanged(
         assert _described(peer.missions.items()) == stored
         await mission.clear_mission()
         assert peer.missions.items() == ()
-    finally:
-        mission.destroy()
-        raw.destroy()
 
 
 @pytest.mark.parametrize("flight", [SimulatedKind.ARDUPILOT], indirect=True)
-async def test_mavsdk_flies_copter_in_guided(flight: tuple[SimulatedAutopilot, Mavsdk]) -> None:
-    peer, mavsdk = flight
-    system = await mavsdk.first_autopilot(timeout_s=10.0)
-    assert system is not None
-    action, offboard, telemetry, param = (
-        ActionAsync(system),
-        OffboardAsync(system),
-        TelemetryAsync(system),
-        ParamAsync(system),
-    )
-    try:
+async def test_mavsdk_flies_copter_in_guided(flight: Flight) -> None:
+    peer, system = flight
+    with plugins(system, *FLOWN_WITH) as (action, offboard, telemetry, param):
         assert await param.get_param_float("GUID_TIMEOUT") == 3.0
         await param.set_param_int("RTL_ALT", 2000)
         assert peer.parameters["RTL_ALT"] == 2000
@@ -189,6 +179,3 @@ async def test_mavsdk_flies_copter_in_guided(flight: tuple[SimulatedAutopilot, M
         await action.land()
         await _until(lambda: not peer.autopilot.armed, 20.0)
         assert peer.truth().grounded
-    finally:
-        for plugin in (action, offboard, telemetry, param):
-            plugin.destroy()
