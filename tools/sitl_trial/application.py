@@ -8,24 +8,23 @@ import asyncio
 import contextlib
 import json
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from functools import partial
 
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.info import InfoAsync
-from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync, MavlinkMessage
+from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
 from mavsdk.asyncio.plugins.offboard import OffboardAsync, PositionNedYaw, VelocityNedYaw
 from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.exceptions import MavsdkError
-from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.swing_message import FIELDS, HEALTH_CODES, NAME
 from swingd.model.actions import Health
 from swingd.model.events import Vec3
 
-from .plan import REST, Leg, Manoeuvre, Position, Preparation, Scenario, Velocity
+from .plan import REST, Leg, Manoeuvre, Position, Scenario, Velocity
 from .record import Flown, Step, TrialError
 
 DISCOVERY_S = 90.0
@@ -79,15 +78,17 @@ class Clock:
         await self.until(self.t_s + duration_s)
 
 
-async def fly(url: str, preparation: Preparation, scenario: Scenario, manoeuvres: list[Manoeuvre], say: Say) -> Flown:
+async def fly(
+    url: str, parameters: Mapping[str, int], scenario: Scenario, manoeuvres: list[Manoeuvre], say: Say
+) -> Flown:
     """Fly a scenario behind a link.
 
     Parameters
     ----------
     url : str
         As MAVSDK writes it.
-    preparation : Preparation
-        Done before take-off.
+    parameters : mapping
+        Of the autopilot, to set before take-off.
     scenario : Scenario
         Its height is taken off to.
     manoeuvres : list
@@ -107,8 +108,8 @@ async def fly(url: str, preparation: Preparation, scenario: Scenario, manoeuvres
             system = await mavsdk.first_autopilot(timeout_s=DISCOVERY_S)
             if system is None:
                 raise TrialError(f"no autopilot on {url} within {DISCOVERY_S:g} s")
-            async with _Pilot.of(system, await system.get_system_id()) as pilot:
-                await pilot.prepare(preparation)
+            async with _Pilot.of(system) as pilot:
+                await pilot.prepare(parameters)
                 await pilot.take_off(scenario.height_m, say)
                 await pilot.manoeuvres(manoeuvres, say)
                 return pilot.flown
@@ -117,8 +118,7 @@ async def fly(url: str, preparation: Preparation, scenario: Scenario, manoeuvres
 
 
 class _Pilot:
-    def __init__(self, system: object, system_id: int) -> None:
-        self._system_id = system_id
+    def __init__(self, system: object) -> None:
         self.clock = Clock()
         self.flown = Flown("", clock=self.clock.marks)
         self._action = ActionAsync(system)
@@ -131,8 +131,8 @@ class _Pilot:
 
     @staticmethod
     @contextlib.asynccontextmanager
-    async def of(system: object, system_id: int) -> "AsyncIterator[_Pilot]":
-        pilot = _Pilot(system, system_id)
+    async def of(system: object) -> "AsyncIterator[_Pilot]":
+        pilot = _Pilot(system)
         watching = [asyncio.create_task(watch()) for watch in (pilot._watch_clock, pilot._watch_estimate)]
         try:
             yield pilot
@@ -167,37 +167,19 @@ class _Pilot:
                     raise TrialError(f"{what}: {error}") from error
                 await self.clock.sleep(1.0)
 
-    async def prepare(self, preparation: Preparation) -> None:
+    async def prepare(self, parameters: Mapping[str, int]) -> None:
         await self.clock.sleep(0.1)
-        for name, value in preparation.parameters.items():
+        for name, value in parameters.items():
             await self._patiently(name, 10.0, partial(self._param.set_param_int, name, value))
-        if preparation.custom_mode is not None:
-            await self._patiently("mode", 10.0, partial(self._enter, preparation.custom_mode))
-
-    async def _enter(self, custom_mode: int) -> None:
-        """Enter a mode that MAVSDK has no word for."""
-        fields = {
-            "target_system": self._system_id,
-            "target_component": mavlink.MAV_COMP_ID_AUTOPILOT1,
-            "command": mavlink.MAV_CMD_DO_SET_MODE,
-            "param1": mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
-            "param2": custom_mode,
-        }
-        fields_json = json.dumps(fields)
-        ack = await self._direct.send_command(MavlinkMessage("COMMAND_LONG", fields_json=fields_json))
-        result = json.loads(ack.fields_json)["result"]
-        if result != mavlink.MAV_RESULT_ACCEPTED:
-            raise MavsdkError(f"mode {custom_mode} refused, MAV_RESULT {result}")
 
     async def take_off(self, height_m: float, say: Say) -> None:
         version = await self._info.get_version()
         self.flown.version = f"{version.flight_sw_major}.{version.flight_sw_minor}.{version.flight_sw_patch}"
         say("arming", 0.0)
         await self._action.set_takeoff_altitude(height_m)
-        await self._patiently("arming", ARMING_S, self._action.arm)
+        await self._patiently("arming and take-off", ARMING_S, self._arm_and_take_off)
         say("take-off", 0.0)
         ground_m = (await self._telemetry.position_velocity_ned()).position.down_m
-        await self._patiently("take-off", 5.0, self._action.takeoff)
         end_s = self.clock.t_s + CLIMB_S
         while ground_m - (await self._telemetry.position_velocity_ned()).position.down_m < height_m - 0.4:
             if self.clock.t_s > end_s:
@@ -209,6 +191,11 @@ class _Pilot:
             if self.clock.t_s > end_s:
                 raise TrialError(f"swingd not ready within {READY_S:g} s of hover, health code {self._health:g}")
             await self.clock.sleep(0.1)
+
+    async def _arm_and_take_off(self) -> None:
+        """In one go: a Copter arms before it knows where it is, takes off only then, and disarms meanwhile."""
+        await self._action.arm()
+        await self._action.takeoff()
 
     async def manoeuvres(self, manoeuvres: list[Manoeuvre], say: Say) -> None:
         total_s = sum(ENTER_S + manoeuvre.duration_s for manoeuvre in manoeuvres)

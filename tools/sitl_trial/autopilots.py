@@ -3,11 +3,11 @@
 import socket
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from .plan import Preparation, Scenario
+from .plan import Scenario
 from .record import Files
 from .slung_payload import write_truth
 
@@ -19,8 +19,8 @@ class Autopilot(Protocol):
     """One binary, started anew for each flight."""
 
     @property
-    def preparation(self) -> Preparation:
-        """What the application does before take-off."""
+    def parameters(self) -> Mapping[str, int]:
+        """What the application sets before take-off."""
 
     def link(self, instance: int) -> str:
         """Where swingd finds it."""
@@ -41,21 +41,18 @@ class Autopilot(Protocol):
         """Keep what its folder holds of the truth, when it has ended; may raise `TrialError`."""
 
 
-_PX4 = Preparation(
-    {
-        "COM_OBL_RC_ACT": 5,  # hold, where setpoints stop
-        "COM_RC_IN_MODE": 4,  # no remote control
-        "COM_RCL_EXCEPT": 4,  # nor is it missed in OFFBOARD
-    }
-)
-_COPTER = Preparation({}, custom_mode=4)  # GUIDED
+_PX4: Mapping[str, int] = {
+    "COM_OBL_RC_ACT": 5,  # hold, where setpoints stop
+    "COM_RC_IN_MODE": 4,  # no remote control
+    "COM_RCL_EXCEPT": 4,  # nor is it missed in OFFBOARD
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
     """swingd's own simulated PX4: what the real one is compared with."""
 
-    preparation: Preparation = _PX4
+    parameters: Mapping[str, int] = field(default_factory=lambda: _PX4)
 
     def link(self, instance: int) -> str:
         return f"udpin://127.0.0.1:{14740 + instance}"
@@ -82,7 +79,7 @@ class Px4:
     """PX4; its build folder lies around the binary."""
 
     binary: Path
-    preparation: Preparation = _PX4
+    parameters: Mapping[str, int] = field(default_factory=lambda: _PX4)
 
     def link(self, instance: int) -> str:
         return f"udpin://127.0.0.1:{14540 + instance}"
@@ -111,7 +108,7 @@ class Copter:
     binary: Path
     defaults: Path
     """Parameters of its developers' SITL Copter."""
-    preparation: Preparation = _COPTER
+    parameters: Mapping[str, int] = field(default_factory=dict)
 
     def link(self, instance: int) -> str:
         return f"tcpout://127.0.0.1:{5760 + 10 * instance}"

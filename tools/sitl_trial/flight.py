@@ -70,7 +70,7 @@ async def fly_once(
         path.unlink(missing_ok=True)
     async with bench(autopilot, parameters, scenario, correction, files) as running:
         try:
-            flown = await _unless_ended(running, fly(running.url, autopilot.preparation, scenario, manoeuvres, say))
+            flown = await _unless_ended(running, fly(running.url, autopilot.parameters, scenario, manoeuvres, say))
         except TrialError as error:
             words = "".join(f"\n{process.name}:\n{process.tail()}" for process in running.processes)
             raise TrialError(f"{error}{words}") from error

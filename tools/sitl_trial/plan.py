@@ -1,7 +1,7 @@
 """The stated flights: which load, which wind, which manoeuvres, and what is asked of them."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -32,16 +32,6 @@ class Correction(StrEnum):
     @property
     def shaper(self) -> ShaperName:
         return ShaperName.ZV if self is Correction.SHAPED else ShaperName.NONE
-
-
-@dataclass(frozen=True, slots=True)
-class Preparation:
-    """What an application does with an autopilot before take-off."""
-
-    parameters: Mapping[str, int]
-    """To set."""
-    custom_mode: int | None = None
-    """To enter, where it has to be there for take-off."""
 
 
 @dataclass(frozen=True, slots=True)
