@@ -232,12 +232,12 @@ async def run_ardupilot(
             if simulator.late:
                 say("ArduPilot had begun with another simulation: its clock is not the truth's; start it anew")
             try:
-                await battery.open(instance)
+                await battery.open(instance, link.peer_name(0).rpartition(":")[0])
             except LinkOpenError as error:
                 say(f"ArduPilot may report another voltage than the simulation's: {error}")
             pace = Pace(parameters.simulation.speed)
             shown, silent = 0, False
-            while duration_s is None or simulator.t_boot_s < duration_s - 0.5 * DT_S:
+            while duration_s is None or shown < round(duration_s / DT_S):
                 try:
                     async with asyncio.timeout(SILENCE_S):
                         await asked.wait()

@@ -26,15 +26,15 @@ class ArdupilotBattery(ReportedBattery):
         """What ArduPilot should report [V]; None: whatever it likes."""
         self._off = 0
 
-    async def open(self, instance: int) -> None:
-        """Connect to ArduPilot's instance; it is tried again until closed.
+    async def open(self, instance: int, host: str) -> None:
+        """Connect to ArduPilot's instance on a host; it is tried again until closed.
 
         Raises
         ------
         LinkOpenError
             If the link cannot work.
         """
-        await self.connect(f"tcpout://127.0.0.1:{MAVLINK_PORT + 10 * instance}")
+        await self.connect(f"tcpout://{host}:{MAVLINK_PORT + 10 * instance}")
 
     def _hear(self, system_id: int, voltage_v: float) -> None:
         super()._hear(system_id, voltage_v)
