@@ -35,6 +35,8 @@ _STANDING_SHARE = 1e-6
 """Of the natural frequency: a pole slower than this stands still, and its damping means nothing."""
 _MARGIN = 0.4
 """Least distance of the loop's frequency response from -1."""
+_BANDWIDTH_SHARE = 0.45
+"""Of the attitude loop's frequency: a swing that is made faster than this outruns what damps it, and rings on."""
 _RATIO_STEPS = 20
 _FREQUENCY_SHARES = (1.0, 0.9, 0.8, 0.7)
 
@@ -153,7 +155,9 @@ def design(parameters: Parameters) -> PlacedDesign:
     upper = [pole for pole in poles_off if pole.imag > _SETTLED_SHARE * loop.natural_radps] or poles_off
     off = min(upper, key=lambda pole: abs(math.log(abs(pole) / loop.natural_radps)))
     worst_off = min(_damping(pole) for pole in poles_off)
-    wanted, wanted_radps = parameters.control.damping_ratio, parameters.control.frequency_ratio * abs(off)
+    wanted = parameters.control.damping_ratio
+    fastest_radps = max(abs(off), _BANDWIDTH_SHARE * loop.bandwidth_radps)
+    wanted_radps = min(parameters.control.frequency_ratio * abs(off), fastest_radps)
     for step in range(_RATIO_STEPS):
         ratio = wanted * (1.0 - step / _RATIO_STEPS)
         if ratio <= _damping(off):
