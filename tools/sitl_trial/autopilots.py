@@ -2,7 +2,7 @@
 
 import socket
 import sys
-from collections.abc import Mapping
+from collections.abc import Coroutine, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -10,9 +10,14 @@ from typing import Protocol
 from .plan import Scenario
 from .record import Files
 from .slung_payload import write_truth
+from .terrain import serve_flat_terrain
 
 Ports = list[tuple[socket.SocketKind, int]]
 Command = list[str | Path]
+
+
+HOME_M = 584
+"""Altitude at which ArduPilot's SITL begins."""
 
 
 class Autopilot(Protocol):
@@ -36,6 +41,9 @@ class Autopilot(Protocol):
 
     def physics(self, instance: int, scenario: Scenario, files: Files) -> Command | None:
         """What simulates vehicle, cable and load; None if the autopilot does that itself."""
+
+    def companion(self, instance: int, scenario: Scenario) -> Coroutine[object, object, None] | None:
+        """What else must answer it while it flies."""
 
     def leave(self, folder: Path, scenario: Scenario, files: Files) -> None:
         """Keep what its folder holds of the truth, when it has ended; may raise `TrialError`."""
@@ -70,6 +78,9 @@ class Simulated:
         link = ("--mavlink", f"udpout://127.0.0.1:{14740 + instance}", "--set", "simulation.mavlink_bind_port=0")
         return [sys.executable, "-m", "swingd", "sim", *link, "-c", files.config, "--truth", files.truth]
 
+    def companion(self, instance: int, scenario: Scenario) -> Coroutine[object, object, None] | None:
+        return None
+
     def leave(self, folder: Path, scenario: Scenario, files: Files) -> None:
         """Nothing: the truth is the simulation's."""
 
@@ -96,6 +107,9 @@ class Px4:
 
     def physics(self, instance: int, scenario: Scenario, files: Files) -> Command | None:
         return _swingd_sim("px4", instance, files)
+
+    def companion(self, instance: int, scenario: Scenario) -> Coroutine[object, object, None] | None:
+        return None
 
     def leave(self, folder: Path, scenario: Scenario, files: Files) -> None:
         """Nothing: the truth is the simulation's."""
@@ -139,6 +153,9 @@ class Copter:
 
     def physics(self, instance: int, scenario: Scenario, files: Files) -> Command | None:
         return None if scenario.built_in else _swingd_sim("ardupilot", instance, files)
+
+    def companion(self, instance: int, scenario: Scenario) -> Coroutine[object, object, None] | None:
+        return serve_flat_terrain(5762 + 10 * instance, HOME_M) if scenario.built_in else None
 
     def leave(self, folder: Path, scenario: Scenario, files: Files) -> None:
         if scenario.built_in:

@@ -137,6 +137,9 @@ async def bench(
             flown = autopilot.command(instance, folder, scenario)
             if flown is not None:
                 processes.append(await start("autopilot", flown, **autopilot.environment()))
+            companion = autopilot.companion(instance, scenario)
+            if companion is not None:
+                stack.callback(asyncio.ensure_future(companion).cancel)
             daemon = ("run", "-c", files.config, "--record", files.recording, "--summary", files.summary)
             processes.append(await start("swingd", (sys.executable, "-m", "swingd", *daemon)))
             yield Bench(f"udpin://127.0.0.1:{application_port}", tuple(processes))
