@@ -9,9 +9,11 @@ import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.config.loader import load_parameters
 from tools.sitl_trial import report
@@ -23,6 +25,7 @@ from tools.sitl_trial.picture import draw
 from tools.sitl_trial.plan import BASE, COPTER, PX4, REST, Correction, Leg, Manoeuvre, Scenario, Velocity, one_step
 from tools.sitl_trial.record import COLUMNS, Files, Flown, Step, TrialError, Truth
 from tools.sitl_trial.slung_payload import write_truth
+from tools.sitl_trial.terrain import FlatTerrain
 from tools.sitl_trial.verdict import verdicts
 
 BASE_FLIGHT = Scenario("base", 0.3, 1.5, one_step(3.0), BASE)
@@ -324,6 +327,27 @@ def test_a_log_without_slung_payload_is_refused(tmp_path: Path) -> None:
     log.save(tmp_path / "00000001.BIN")
     with pytest.raises(TrialError, match="too little of SLUP, SIM2"):
         write_truth(tmp_path, tmp_path / "truth.csv")
+
+
+def test_the_ground_is_flat_wherever_the_autopilot_asks() -> None:
+    terrain, copter = FlatTerrain(584), mavlink.MAVLink(None, 7, 1)
+    heard = mavlink.MAVLink(None)
+
+    def said(data: bytes) -> list[Any]:
+        return list(heard.parse_buffer(data) or [])
+
+    assert [message.get_type() for message in said(terrain.hello())] == ["HEARTBEAT"]
+    beat = mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 0, 3).pack(copter)
+    (asked,) = said(terrain.receive(b"noise" + beat[:5])) + said(terrain.receive(beat[5:]))
+    assert (asked.target_system, asked.command, asked.param1) == (7, 511, mavlink.MAVLINK_MSG_ID_TERRAIN_REQUEST)
+    assert terrain.receive(beat) == b"", "asked once"
+    mask = 1 << 55 | 0b101
+    request = mavlink.MAVLink_terrain_request_message(-353_632_620, 1_491_652_370, 100, mask).pack(copter)
+    answers = said(terrain.receive(request))
+    assert [answer.gridbit for answer in answers] == [0, 2, 55]
+    for answer in answers:
+        assert (answer.lat, answer.lon, answer.grid_spacing) == (-353_632_620, 1_491_652_370, 100)
+        assert list(answer.data) == [584] * 16
 
 
 # --------------------------------------------------------------------------------------------------- the command line

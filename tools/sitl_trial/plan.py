@@ -100,7 +100,7 @@ WINDY = Asked(estimate_rmse_deg=1.4)
 BASE = Asked(
     settle_s=2.5, rms_ratio=0.45, rms_ratio_shaped=0.35, velocity_ratio=1.4, altitude_m=0.3, estimate_rmse_deg=0.6
 )
-OTHER_LOAD = replace(BASE, settle_s=None, settle_periods=1.1)
+OTHER_LOAD = Asked(settle_periods=1.1, altitude_m=0.3, estimate_rmse_deg=0.6)
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,8 +222,15 @@ _COPTER = (
     (1.0, 2.0, _NO_WORSE),
 )
 COPTER = tuple(
-    Scenario(f"{prefix}{load_kg:g}kg-{cable_m:g}m", load_kg, cable_m, one_step(4.0), asked, built_in=built_in)
-    for prefix, built_in in (("", False), ("builtin-", True))
+    Scenario(f"{load_kg:g}kg-{cable_m:g}m", load_kg, cable_m, one_step(4.0), asked)
+    for load_kg, cable_m, asked in _COPTER
+) + tuple(
+    # That load's drag makes it hang askew by up to 8 deg while travelling, which the vehicle cannot tell from its own.
+    Scenario(
+        f"builtin-{load_kg:g}kg-{cable_m:g}m",
+        *(load_kg, cable_m, one_step(4.0), replace(asked, estimate_rmse_deg=None)),
+        built_in=True,
+    )
     for load_kg, cable_m, asked in _COPTER
 )
 """On Copter, with this simulation and with its own."""

@@ -16,7 +16,7 @@ from .figures import StepFigures
 from .flight import Flight
 from .plan import Correction
 from .record import Step
-from .verdict import REAL_TIME_MIN, Verdict, ratio
+from .verdict import REAL_TIME_MIN, REAL_TIME_WORST_MIN, Verdict, ratio
 
 ORDER = tuple(Correction)
 
@@ -129,7 +129,7 @@ def _flights(flights: list[Flight]) -> Grid:
     rows = []
     for flight in flights:
         f = flight.figures
-        slow = " slow" if f.real_time < REAL_TIME_MIN else ""
+        slow = " slow" if f.real_time < REAL_TIME_MIN or f.real_time_worst < REAL_TIME_WORST_MIN else ""
         rows.append(
             (
                 f"{flight.name}, {flight.correction}",
@@ -137,8 +137,8 @@ def _flights(flights: list[Flight]) -> Grid:
                 f"{f.zeta_rmse_deg:.2f}",
                 f"{f.filter_hz:.1f}",
                 _number(f.latency_ms_p99, 1),
-                f"{f.real_time:.2f}{slow}",
-                f"{f.real_time_worst:.2f}",
+                f"{f.real_time:.2f}",
+                f"{f.real_time_worst:.2f}{slow}",
             )
         )
     header = (

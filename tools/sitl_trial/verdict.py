@@ -8,7 +8,9 @@ from .flight import Flight
 from .plan import Correction
 
 REAL_TIME_MIN = 0.9
-"""Below, the flight is marked: swingd's timeouts run on the wall clock."""
+"""In the mean; below, the flight is marked: swingd's timeouts run on the wall clock."""
+REAL_TIME_WORST_MIN = 0.75
+"""Of the worst two seconds: below, there was a gap of half a second in telemetry or setpoints."""
 
 
 @dataclass(frozen=True, slots=True)
