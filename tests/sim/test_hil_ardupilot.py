@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from swingd.link.codec import Codec
 from swingd.model.errors import LinkOpenError
 from swingd.sim.hil.ardupilot import SILENCE_S, SIMULATOR_PORT, ArdupilotSimulator, run_ardupilot
-from swingd.sim.hil.ardupilot_battery import MAVLINK_PORT
+from swingd.sim.hil.ardupilot_mavlink import MAVLINK_PORT
 from swingd.sim.outlets import Outside
 
 from .rigs import iris
@@ -264,10 +264,11 @@ class Ardupilot:
 
     def report(self, voltage_v: float) -> None:
         cells_mv = [round(1e3 * voltage_v), *(65535 for _ in range(9))]
+        self.tell(mavlink.MAVLink_battery_status_message(0, 0, 0, 2000, cells_mv, -1, -1, -1, 50))
+
+    def tell(self, message: Any) -> None:
         assert self._writer is not None
-        self._writer.write(
-            self.codec.encode(mavlink.MAVLink_battery_status_message(0, 0, 0, 2000, cells_mv, -1, -1, -1, 50))
-        )
+        self._writer.write(self.codec.encode(message))
 
     async def ask(self, frame: int | None = None) -> bytes:
         """Send the next frame, or this one; return the answer, or nothing within 0.2 s."""
@@ -303,8 +304,9 @@ async def test_it_answers_frame_by_frame_and_makes_ardupilot_report_its_battery(
         assert (request.command, request.param1) == (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 147)
         for _ in range(5):
             ardupilot.report(12.6)
-        while not ardupilot.heard:
+        while len(ardupilot.heard) < 3:
             assert await ardupilot.ask()
+        assert [ardupilot.heard.pop(0).param_id for _ in range(2)] == ["FRAME_CLASS", "FRAME_TYPE"]
         change = ardupilot.heard.pop(0)
         assert (change.target_system, change.param_id) == (8, "SIM_BATT_VOLTAGE")
         assert change.param_value == pytest.approx(15.9)
@@ -313,6 +315,11 @@ async def test_it_answers_frame_by_frame_and_makes_ardupilot_report_its_battery(
         for _ in range(20):
             assert await ardupilot.ask()
         assert ardupilot.heard == [], "near enough"
+        for frame_type, warnings in ((1.0, 0), (0.0, 1), (0.0, 1)):
+            ardupilot.tell(mavlink.MAVLink_param_value_message(b"FRAME_TYPE", frame_type, 2, 1000, 65535))
+            for _ in range(20):
+                assert await ardupilot.ask()
+            assert len([text for text in said if "FRAME_TYPE" in text]) == warnings
         assert await ardupilot.ask(0) == b""
         simulator = await run
     assert simulator.voltage_v == pytest.approx(15.89)

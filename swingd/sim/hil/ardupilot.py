@@ -9,7 +9,7 @@ from swingd.link.transport import open_transport
 from swingd.model.errors import LinkOpenError
 from swingd.model.events import Vec3
 from swingd.model.parameters import Parameters
-from swingd.sim.hil.ardupilot_battery import ArdupilotBattery
+from swingd.sim.hil.ardupilot_mavlink import ArdupilotMavlink
 from swingd.sim.hil.sensors import Imu
 from swingd.sim.outlets import Outside, open_outlets
 from swingd.sim.pace import Pace
@@ -223,7 +223,7 @@ async def run_ardupilot(
 
     url = f"udpin://{host}:{SIMULATOR_PORT + 10 * instance}"
     link = await open_transport(url, on_data)
-    battery = ArdupilotBattery()
+    mavlink = ArdupilotMavlink()
     try:
         async with open_outlets(simulator.plant, outside or Outside()) as outlets:
             say(f"waiting for ArduPilot on {url}")
@@ -232,11 +232,11 @@ async def run_ardupilot(
             if simulator.late:
                 say("ArduPilot had begun with another simulation: its clock is not the truth's; start it anew")
             try:
-                await battery.open(instance, link.peer_name(0).rpartition(":")[0])
+                await mavlink.open(instance, link.peer_name(0).rpartition(":")[0])
             except LinkOpenError as error:
                 say(f"ArduPilot may report another voltage than the simulation's: {error}")
             pace = Pace(parameters.simulation.speed)
-            shown, silent = 0, False
+            shown, silent, warned = 0, False, False
             while duration_s is None or shown < round(duration_s / DT_S):
                 try:
                     async with asyncio.timeout(SILENCE_S):
@@ -254,12 +254,15 @@ async def run_ardupilot(
                 link.send(answer)
                 if simulator.steps > shown:
                     shown = simulator.steps
-                    simulator.reported_v = battery.voltage_v
-                    battery.wanted_v = simulator.battery.voltage_v
-                    battery.ask(simulator.t_boot_s)
+                    simulator.reported_v = mavlink.voltage_v
+                    mavlink.wanted_v = simulator.battery.voltage_v
+                    mavlink.ask(simulator.t_boot_s)
+                    if mavlink.other_frame and not warned:
+                        say("ArduPilot does not fly a quad x: set FRAME_CLASS and FRAME_TYPE to 1 and start both anew")
+                        warned = True
                     outlets.after_step(simulator.truth)
                     await pace.due()
     finally:
-        await battery.close()
+        await mavlink.close()
         await link.close()
     return simulator

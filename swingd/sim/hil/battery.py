@@ -70,16 +70,18 @@ class ReportedBattery:
 
     def _receive(self, _peer: int, data: bytes) -> None:
         for frame in self._codec.receive(data):
-            message: Any = frame.message
-            if message is None or frame.component_id != mavlink.MAV_COMP_ID_AUTOPILOT1:
-                continue
-            if frame.msg_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
-                self._system_id = frame.system_id
-            elif frame.msg_id == mavlink.MAVLINK_MSG_ID_BATTERY_STATUS:
+            if frame.message is not None and frame.component_id == mavlink.MAV_COMP_ID_AUTOPILOT1:
+                self._take(frame.system_id, frame.message)
+
+    def _take(self, system_id: int, message: Any) -> None:
+        match message.get_type():
+            case "HEARTBEAT":
+                self._system_id = system_id
+            case "BATTERY_STATUS":
                 cells_mv = [v for v in (*message.voltages, *message.voltages_ext) if 0 < v < _UNKNOWN_MV]
                 if cells_mv:
                     self._reports += 1
-                    self._hear(frame.system_id, 1e-3 * sum(cells_mv))
+                    self._hear(system_id, 1e-3 * sum(cells_mv))
 
     def _hear(self, _system_id: int, voltage_v: float) -> None:
         self.voltage_v = voltage_v

@@ -1,4 +1,6 @@
-"""The battery that ArduPilot's SITL reports, held to the simulation's."""
+"""What the simulation and ArduPilot's SITL tell each other by MAVLink: battery and frame."""
+
+from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -9,10 +11,11 @@ MAVLINK_PORT = 5763
 
 _OFF_V = 0.03
 _OFF_REPORTS = 5
+_QUAD_X = {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0}
 
 
-class ArdupilotBattery(ReportedBattery):
-    """Follow the voltage that one ArduPilot reports, and correct it where it is another.
+class ArdupilotMavlink(ReportedBattery):
+    """Follow the voltage that one ArduPilot reports, correct it where it is another, and ask which frame it flies.
 
     Notes
     -----
@@ -24,7 +27,14 @@ class ArdupilotBattery(ReportedBattery):
         super().__init__()
         self.wanted_v: float | None = None
         """What ArduPilot should report [V]; None: whatever it likes."""
+        self.frame: dict[str, float] = {}
+        """FRAME_CLASS and FRAME_TYPE, once known."""
         self._off = 0
+
+    @property
+    def other_frame(self) -> bool:
+        """Whether ArduPilot is known to mix its motors for another frame than a quad x."""
+        return any(self.frame.get(name, value) != value for name, value in _QUAD_X.items())
 
     async def open(self, instance: int, host: str) -> None:
         """Connect to ArduPilot's instance on a host; it is tried again until closed.
@@ -36,8 +46,20 @@ class ArdupilotBattery(ReportedBattery):
         """
         await self.connect(f"tcpout://{host}:{MAVLINK_PORT + 10 * instance}")
 
+    def _take(self, system_id: int, message: Any) -> None:
+        super()._take(system_id, message)
+        if message.get_type() == "PARAM_VALUE" and message.param_id in _QUAD_X:
+            self.frame[message.param_id] = message.param_value
+
     def _hear(self, system_id: int, voltage_v: float) -> None:
         super()._hear(system_id, voltage_v)
+        if self._reports == 1:
+            for name in _QUAD_X:
+                self._send(
+                    mavlink.MAVLink_param_request_read_message(
+                        system_id, mavlink.MAV_COMP_ID_AUTOPILOT1, name.encode("ascii"), -1
+                    )
+                )
         if self.wanted_v is None:
             return
         self._off = self._off + 1 if abs(voltage_v - self.wanted_v) > _OFF_V else 0
