@@ -23,6 +23,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from swingd.cli import process
 from swingd.config.loader import load_parameters
 from swingd.model.errors import SwingdError
 from swingd.model.parameters import Parameters
@@ -47,6 +48,7 @@ CONFIGS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly, judge, write; return the exit code."""
     given = _parser().parse_args(arguments)
+    process.end_on_signals()
     console = Console(stderr=True, markup=False)
     try:
         autopilot = _autopilot(given)
