@@ -142,8 +142,6 @@ class Copter:
                 f"SIM_SLUP_WEIGHT {scenario.load_kg}",
                 f"SIM_SLUP_LINELEN {scenario.cable_m}",
             ]
-        else:
-            lines.append("SIM_RATE_HZ 400")  # asks its simulator once a loop, not three times
         more = folder / "trial.parm"
         more.write_text("\n".join(lines) + "\n", encoding="utf-8")
         model = "x" if scenario.built_in else "JSON:127.0.0.1"
