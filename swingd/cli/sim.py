@@ -188,7 +188,8 @@ def _start_command(kind: SimulatedKind, instance: int, host: str) -> str:
     """Give the command that starts a real autopilot which looks for its simulator here."""
     here = host in _THIS_MACHINE
     if kind is SimulatedKind.ARDUPILOT:
-        return f"Tools/autotest/sim_vehicle.py -v ArduCopter --model JSON:{_LOOPBACK if here else host} -I {instance}"
+        address = _LOOPBACK if here else host
+        return f"Tools/autotest/sim_vehicle.py -v ArduCopter -f X --model JSON:{address} -I {instance}"
     address = "" if here else f"PX4_SIM_HOST_ADDR={host} "
     if instance == 0:
         return f"{address}make px4_sitl none_iris"

@@ -131,7 +131,7 @@ WAITING = {
     ("--hil", "ardupilot", "--instance", "93", "--host", "0.0.0.0", "--speed", "2"): [
         "simulator for a real ArduPilot, instance 93, 2 times real time; Ctrl-C stops",
         "next, in the folder of ArduPilot's sources: "
-        "Tools/autotest/sim_vehicle.py -v ArduCopter --model JSON:127.0.0.1 -I 93",
+        "Tools/autotest/sim_vehicle.py -v ArduCopter -f X --model JSON:127.0.0.1 -I 93",
         "waiting for ArduPilot on udpin://0.0.0.0:9932",
     ],
 }
@@ -163,7 +163,7 @@ async def test_a_simulator_says_where_it_waits_and_what_comes_next() -> None:
         ((SimulatedKind.PX4, 0, "10.0.0.2"), "PX4_SIM_HOST_ADDR=10.0.0.2 make px4_sitl none_iris"),
         (
             (SimulatedKind.ARDUPILOT, 0, "10.0.0.2"),
-            "Tools/autotest/sim_vehicle.py -v ArduCopter --model JSON:10.0.0.2 -I 0",
+            "Tools/autotest/sim_vehicle.py -v ArduCopter -f X --model JSON:10.0.0.2 -I 0",
         ),
     ],
 )
