@@ -32,7 +32,7 @@ class FlatTerrain:
         self._out = _Buffer()
         self._mavlink = mavlink.MAVLink(self._out, SYSTEM_ID, mavlink.MAV_COMP_ID_MISSIONPLANNER)
         self._mavlink.robust_parsing = True
-        self._asked = False
+        self._heard = False
 
     def hello(self) -> bytes:
         """Return what makes the other side speak."""
@@ -42,13 +42,14 @@ class FlatTerrain:
     def receive(self, data: bytes) -> bytes:
         """Return the answer to what was received."""
         for message in self._mavlink.parse_buffer(data) or []:
-            if message.get_type() == "HEARTBEAT" and not self._asked:
-                self._asked = True
+            # An ArduPilot that still boots forgets what it was asked for.
+            if message.get_type() == "HEARTBEAT" and not self._heard:
                 self._mavlink.command_long_send(
                     *(message.get_srcSystem(), message.get_srcComponent(), mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0),
                     *(mavlink.MAVLINK_MSG_ID_TERRAIN_REQUEST, REQUEST_US, 0, 0, 0, 0, 0),
                 )
             if message.get_type() == "TERRAIN_REQUEST":
+                self._heard = True
                 place = (message.lat, message.lon, message.grid_spacing)
                 for bit in range(56):
                     if message.mask >> bit & 1:
