@@ -153,7 +153,8 @@ def design(parameters: Parameters) -> PlacedDesign:
     loop = _loop(parameters)
     poles_off = loop.poles(loop.own)
     upper = [pole for pole in poles_off if pole.imag > _SETTLED_SHARE * loop.natural_radps] or poles_off
-    off = min(upper, key=lambda pole: abs(math.log(abs(pole) / loop.natural_radps)))
+    # The velocity loop may have a damped pair of the same frequency: the swing's is the one next to a free pendulum's.
+    off = min(upper, key=lambda pole: abs(pole - 1j * loop.natural_radps))
     worst_off = min(_damping(pole) for pole in poles_off)
     wanted = parameters.control.damping_ratio
     fastest_radps = max(abs(off), _BANDWIDTH_SHARE * loop.bandwidth_radps)

@@ -235,6 +235,15 @@ def test_every_plausible_vehicle_is_damped_or_left_alone(mass_ratio, cable_m):
     assert all(helped[:2])
 
 
+@pytest.mark.parametrize("cable_m", [2.0, 5.0, 10.0, 12.0, 20.0, 50.0])
+def test_a_damped_velocity_loop_of_the_same_frequency_is_not_taken_for_the_swing(cable_m):
+    copter = Autopilot(velocity_p=2.0, velocity_i=1.0, velocity_d=0.25)
+    found = design(iris(1.0 / 3.0, cable_m, copter))
+    assert found.damping_ratio_off < 0.3
+    assert found.damping_ratio > found.damping_ratio_off + 0.2
+    assert found.kd_per_s > 0.0
+
+
 def test_a_loop_that_cannot_be_helped_is_left_alone():
     """Half a metre of cable below an autopilot that answers after 0.4 s."""
     found = design(iris(0.2, 0.5, Autopilot(acceleration_delay_s=0.4)))
