@@ -365,7 +365,7 @@ class Simulation:
     attitude_noise_rad: float = quantity(
         0.003, "rad", 0.0, 0.2, "slow error of the autopilot's attitude estimate, 10 s"
     )
-    gnss_vel_noise_mps: float = quantity(0.05, "m/s", 0.0, 5.0, "of GNSS velocities; the autopilot filters it")
+    gnss_vel_noise_mps: float = quantity(0.05, "m/s", 0.0, 5.0, "error of the velocity estimate")
     gnss_pos_noise_m: float = quantity(0.05, "m", 0.0, 20.0, "error of the position estimate")
     battery_full_v: float = quantity(16.2, "V", 1.0, 1000.0, "at arming")
     battery_empty_v: float = quantity(

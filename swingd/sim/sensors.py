@@ -19,8 +19,6 @@ _GNSS_TIME_S = 2.0
 _GNSS_SMOOTHING_S = 0.3  # the autopilot's estimate is carried by its IMU and never jumps
 _IMU_DELAY_STEPS = 1
 _ESTIMATE_DELAY_STEPS = 2
-_VEL_LEFT = (0.6, 0.6, 0.2)
-"""What PX4's filter leaves of GNSS's velocity noise, north, east and down: it has an IMU, and a barometer besides."""
 _BLOCK = 4096
 
 
@@ -171,7 +169,7 @@ class Sensors:
         if simulation.gnss_vel_noise_mps > 0.0:
             drive = simulation.gnss_vel_noise_mps * gain
             for i in range(3):
-                self._vel_raw[i] += -decay * self._vel_raw[i] + _VEL_LEFT[i] * drive * normal()
+                self._vel_raw[i] += -decay * self._vel_raw[i] + drive * normal()
                 self._vel_error[i] += smooth * (self._vel_raw[i] - self._vel_error[i])
         if simulation.gnss_pos_noise_m > 0.0:
             drive = simulation.gnss_pos_noise_m * gain
