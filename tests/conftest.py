@@ -1,6 +1,7 @@
 """Fixtures of all tests."""
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,6 +14,9 @@ PROJECT = Path(__file__).resolve().parent.parent
 # The same examples on every machine, however slow it is; HYPOTHESIS_SEARCH=1 looks for new ones.
 settings.register_profile("swingd", deadline=None, derandomize=not os.environ.get("HYPOTHESIS_SEARCH"))
 settings.load_profile("swingd")
+
+# A shell's background job ignores Ctrl-C and hands that on; the processes that the tests start must hear it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)
