@@ -20,8 +20,8 @@ AIR_STEPS = 5
 """Steps from one reading of magnetometer and barometer to the next: 50 Hz."""
 GNSS_STEPS = 25
 """Steps from one fix to the next: 10 Hz."""
-GNSS_DELAY_STEPS = 27
-"""Age of a fix when it arrives: 0.11 s, which PX4's EKF2_GPS_DELAY expects."""
+GNSS_DELAY_STEPS = 2
+"""Age of a fix when it arrives: 8 ms; PX4 takes it for 10 ms with an external simulator (EKF2_GPS_DELAY)."""
 
 _BIAS_TIME_S = 60.0
 _MAGNETOMETER_NOISE_GAUSS = 0.001
