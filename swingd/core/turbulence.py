@@ -28,7 +28,7 @@ from enum import IntEnum
 from math import pi, sqrt
 
 import numpy as np
-from numba.types import UniTuple
+from numba.core.types import UniTuple
 
 from swingd.core._jit import F8, VEC, VOID, kernel
 

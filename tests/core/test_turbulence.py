@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.signal import csd, welch
 
+from swingd.core import turbulence
 from swingd.core.turbulence import TurbulenceState, low_altitude_intensity, low_altitude_scale, turbulence_step
 
 JIT = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="needs compiled kernels")
@@ -75,6 +76,19 @@ def specified(body):
         Q: lambda w: (w / v) ** 2 / (1 + (4 * b * w / (math.pi * v)) ** 2) * transverse(w, sw, lw),
         R: lambda w: (w / v) ** 2 / (1 + (3 * b * w / (math.pi * v)) ** 2) * transverse(w, su, lu),
     }
+
+
+@pytest.mark.parametrize(
+    ("weights", "density"),
+    [
+        (turbulence._WEIGHT_LONGITUDINAL, lambda x: (1 + x**2) ** (-5 / 6)),
+        (turbulence._WEIGHT_TRANSVERSE, lambda x: (1 + 8 / 3 * x**2) * (1 + x**2) ** (-11 / 6)),
+    ],
+)
+def test_fit_stays_within_its_ripple(weights, density):
+    x = np.concatenate([[0.0], np.geomspace(0.01, 3000.0, 2000)])
+    response = (turbulence._POLE / (turbulence._POLE + 1j * x[:, None])) @ weights
+    assert np.max(np.abs(10 * np.log10(np.abs(response) ** 2 / density(x)))) < 0.11
 
 
 @JIT
