@@ -94,7 +94,9 @@ class Pilot:
         self._peer.receive(self._codec.encode(mavlink.MAVLink_command_long_message(1, 1, command, 0, *padded)))
 
     def _wait(self, t_s: float) -> None:
-        if t_s > 2.0 and not math.isnan(self._peer.companion.heartbeat_t_s):
+        # Its first word of health says that the filter is loaded; heartbeats come long before, as it forwards first.
+        heard = (text for _, _, text in self._peer.companion.status_texts)
+        if t_s > 2.0 and any(text.startswith("swingd ") for text in heard):
             self._enter(Phase.CLIMB, t_s)
 
     def _climb(self, t_s: float) -> None:
