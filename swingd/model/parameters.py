@@ -157,8 +157,8 @@ class Estimator:
 
     name: str = choice(
         "swing_ekf",
-        "estimator by name: swing_ekf, or pendulum (open loop, the baseline)",
-        names=("swing_ekf", "pendulum"),
+        "estimator by name: swing_ekf; baselines: fgdf (linear, fading memory), pendulum (open loop)",
+        names=("swing_ekf", "fgdf", "pendulum"),
     )
     rate_hz: float = quantity(100.0, "Hz", 20.0, 400.0, "filter steps per second")
     integrator: Integrator = choice(Integrator.BACKWARD_EULER, "backward_euler, implicit_midpoint or rk4, for the mean")
@@ -211,6 +211,12 @@ class Estimator:
     )
     damping_ratio: float = quantity(
         0.02, "1", 0.0, 0.5, "natural damping of the load's swing, used by the pendulum baseline"
+    )
+    fgdf_memory_s: float = quantity(
+        2.5, "s", 0.1, 1000.0, "fgdf: memory of the fading filter, whose fading factor is exp(-step / memory)"
+    )
+    fgdf_angle_noise_rad: float = quantity(
+        0.2, "rad", 1e-4, 3.0, "fgdf: deviation of one sample of the angles that the cable force shows"
     )
 
 

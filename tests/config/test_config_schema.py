@@ -228,7 +228,7 @@ def test_what_is_expected_is_said_with_the_unit() -> None:
     assert KEYS["hold.vel_ned_mps"].expected == "a list of 3 numbers, each from -30 to 30 m/s"
     assert KEYS["control.enabled"].expected == "true or false"
     assert KEYS["mode"].expected == "one of shadow, hold, inline"
-    assert KEYS["estimator.name"].expected == "one of swing_ekf, pendulum"
+    assert KEYS["estimator.name"].expected == "one of swing_ekf, fgdf, pendulum"
     assert KEYS["link.autopilot"].expected == "a text of 1 to 200 printable characters"
     assert KEYS["endpoints"].expected == "a list of at most 16 groups of url, shaper, key_file, system_ids"
     system_ids = find(["endpoints", "1", "system_ids"])
