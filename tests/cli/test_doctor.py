@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -87,12 +88,14 @@ def test_json_is_one_object_and_0_means_ready(tmp_path: Path) -> None:
 
 
 def test_silence_is_not_ready_and_says_what_to_check(tmp_path: Path) -> None:
-    port = udp_port()
-    found = doctor(port, "-c", X500, "--seconds", "4", home=tmp_path)
+    port, other_port = udp_port(), udp_port()
+    with ThreadPoolExecutor() as pool:
+        asked = pool.submit(doctor, other_port, "-c", X500, "--seconds", "4", "--json", home=tmp_path)
+        found = doctor(port, "-c", X500, "--seconds", "4", home=tmp_path)
+        as_json = asked.result()
     assert found.returncode == 1
     assert found.stdout.splitlines()[-1] == "not ready for mode shadow: link silent"
     assert f"send to UDP port {port} of this computer?" in found.stdout
-    as_json = doctor(port, "-c", X500, "--seconds", "4", "--json", home=tmp_path)
     assert as_json.returncode == 1
     object_ = json.loads(as_json.stdout)
     assert (object_["ready"], object_["autopilot"], object_["link"]["bytes_in"]) == (False, None, 0)
@@ -112,10 +115,13 @@ def test_what_a_ground_station_has_set_is_judged_too(tmp_path: Path) -> None:
     state.close()
     assert state.path is not None
     kept = state.path.read_bytes()
-    port = udp_port()
-    with simulation(port):
+    port, other_port = udp_port(), udp_port()
+    with simulation(port), simulation(other_port), ThreadPoolExecutor() as pool:
+        asked = pool.submit(
+            doctor, other_port, "-c", X500, "--set", "vehicle.mass_kg=2.1", "--seconds", "4", home=tmp_path
+        )
         found = doctor(port, "-c", X500, "--json", "--seconds", "4", home=tmp_path)
-        overruled = doctor(port, "-c", X500, "--set", "vehicle.mass_kg=2.1", "--seconds", "4", home=tmp_path)
+        overruled = asked.result()
     assert overruled.returncode == 0
     assert "SWG_VEH_MASS" in overruled.stderr
     assert state.path.read_bytes() == kept

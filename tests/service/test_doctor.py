@@ -368,24 +368,25 @@ async def test_another_system_than_the_configured_one_is_named() -> None:
 
 
 async def test_a_signing_autopilot_wants_a_key(tmp_path: Path) -> None:
-    parameters = linked(udp_port())
+    """Examined without a key, with its own and with another one, at the same time."""
     signing = {"signing_key": KEY, "signing_start_unix_s": time.time()}
-    diagnosis = await examined(parameters, **signing)
-    assert diagnosis.link.signed
-    assert "signing" in {danger.name for danger in dangers(diagnosis)}
 
     def with_key(key: bytes) -> Parameters:
         path = tmp_path / key.hex()[:8]
         path.write_text(key.hex())
         path.chmod(0o600)
+        parameters = linked(udp_port())
         return replace(parameters, link=replace(parameters.link, key_file=str(path)))
 
-    diagnosis = await examined(with_key(KEY), **signing)
-    assert diagnosis.link.signed
-    assert diagnosis.findings == ()
-    diagnosis = await examined(with_key(KEY[::-1]), **signing)
-    assert [danger.name for danger in dangers(diagnosis)][:1] == ["signing"]
-    assert "another key" in dangers(diagnosis)[0].meaning
+    without, own, other = await asyncio.gather(
+        *(examined(parameters, **signing) for parameters in (linked(udp_port()), with_key(KEY), with_key(KEY[::-1])))
+    )
+    assert without.link.signed
+    assert "signing" in {danger.name for danger in dangers(without)}
+    assert own.link.signed
+    assert own.findings == ()
+    assert [danger.name for danger in dangers(other)][:1] == ["signing"]
+    assert "another key" in dangers(other)[0].meaning
 
 
 async def test_a_key_that_cannot_be_read_is_a_configuration_error(tmp_path: Path) -> None:
