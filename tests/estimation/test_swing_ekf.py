@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from swingd.core.level import filter_inputs
 from swingd.core.status import Status
 from swingd.core.swing_ekf import GRAVITY_MPS2, State
-from swingd.estimation import Pendulum, SwingEkf, make_estimator
+from swingd.estimation import Fgdf, Pendulum, SwingEkf, make_estimator
 from swingd.estimation.base import INTERVAL_MAX_S
 from swingd.model.estimate import ResetReason
 from swingd.model.parameters import Cable, Estimator, Integrator, Parameters, Payload, Vehicle
@@ -332,7 +332,7 @@ def test_reset_from_outside_counts_its_reason_and_takes_the_force():
 BAD = [math.nan, math.inf, -math.inf, 1e12]
 
 
-@pytest.mark.parametrize("make", [SwingEkf, Pendulum])
+@pytest.mark.parametrize("make", [SwingEkf, Fgdf, Pendulum])
 @pytest.mark.parametrize("bad", BAD)
 def test_an_invalid_measurement_leaves_the_estimate(make, bad):
     estimator = make(parameters())
@@ -371,13 +371,15 @@ ANY = st.floats(allow_nan=True, allow_infinity=True) | st.floats(-1e3, 1e3)
     ),
     estimator=st.builds(
         Estimator,
-        name=st.sampled_from(["swing_ekf", "pendulum"]),
+        name=st.sampled_from(["swing_ekf", "fgdf", "pendulum"]),
         integrator=st.sampled_from(list(Integrator)),
         max_step_s=st.floats(0.01, 0.1),
         acc_noise=st.floats(1e-6, 100.0),
         force_noise=st.floats(1e-6, 100.0),
         swing_rate_noise=st.floats(1e-6, 100.0),
         nis_gate=st.floats(5.0, 1e4),
+        fgdf_memory_s=st.floats(0.1, 1000.0),
+        fgdf_angle_noise_rad=st.floats(1e-4, 3.0),
     ),
     masses=st.tuples(st.floats(0.05, 2000.0), st.floats(0.005, 2000.0)),
     length_m=st.floats(0.1, 200.0),
