@@ -24,9 +24,10 @@ demo: $(STAMP)  ## fly a simulated PX4 with a slung load, correction off, then o
 
 # Bytecode is kept even where the environment says otherwise: else every process of the tests compiles all modules anew.
 test: export PYTHONDONTWRITEBYTECODE :=
-# In real time most of a test is waiting, so three share two cores; the long files come first in the alphabet's order.
+# In real time most of a test is waiting, so three share two cores. The files go out in the alphabet's order, by which
+# the long ones come early; xdist's own order, by the number of tests, leaves long files of few tests to the end.
 test: $(STAMP)  ## the whole test suite: virtual time on all cores, real time three at a time, what measures speed alone
-	$(BIN)/python -m pytest -n auto --dist loadfile -m "not live"
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not live"
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "live and not alone"
 	$(BIN)/python -m pytest -m alone
 

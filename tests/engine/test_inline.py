@@ -17,10 +17,16 @@ HOVER = local_setpoint(vel=(0.0, 0.0, 0.0))
 Make = Callable[[], Flight]
 
 
-@pytest.fixture(scope="session")
-def _inline() -> Flight:
+@pytest.fixture(scope="module")
+def taken_off_inline() -> Flight:
+    """In the air, without an application; only to be forked."""
+    return Flight(inline()).take_off()
+
+
+@pytest.fixture(scope="module")
+def _inline(taken_off_inline: Flight) -> Flight:
     """In OFFBOARD through swingd for 3 s, correction active."""
-    flight = Flight(inline()).take_off()
+    flight = taken_off_inline.fork()
     flight.connect().setpoint = HOVER
     return flight.run(0.5).enter_offboard().run(3.0)
 
@@ -80,10 +86,10 @@ def test_at_the_change_no_setpoint_is_sent_twice_and_none_is_missing(flying: Mak
         assert order == sorted(order, reverse=not enabled), "one change of hands, not two talkers"
 
 
-def test_the_step_of_an_application_is_damped(flying: Make) -> None:
+def test_the_step_of_an_application_is_damped(taken_off_inline: Flight, flying: Make) -> None:
     rms: dict[str, float] = {}
     flight = flying()
-    direct = Flight(inline()).take_off()
+    direct = taken_off_inline.fork()
     direct.connect(direct=True).setpoint = HOVER
     direct.run(0.5).enter_offboard().run(3.0)
     for name, one in (("direct", direct), ("through", flight)):
@@ -223,14 +229,20 @@ def test_when_the_estimate_stalls_the_applications_setpoints_pass(flying: Make, 
     assert flight.nav_state is NavState.OFFBOARD
 
 
-@pytest.mark.parametrize("yaw_deg", [0.0, 60.0, -135.0])
-def test_one_body_velocity_flies_as_it_would_directly(yaw_deg: float) -> None:
-    """With a correction of zero a stream of BODY velocities takes the same path."""
+@pytest.fixture(scope="module")
+def taken_off_without_correction() -> Flight:
+    """In the air, with a correction of zero; only to be forked."""
     parameters = inline()
-    parameters = replace(parameters, control=replace(parameters.control, acc_max_mps2=0.0, vel_max_mps=0.0))
+    control = replace(parameters.control, acc_max_mps2=0.0, vel_max_mps=0.0)
+    return Flight(replace(parameters, control=control)).take_off()
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 60.0, -135.0])
+def test_one_body_velocity_flies_as_it_would_directly(taken_off_without_correction: Flight, yaw_deg: float) -> None:
+    """With a correction of zero a stream of BODY velocities takes the same path."""
     ends = []
     for direct in (True, False):
-        flight = Flight(parameters).take_off()
+        flight = taken_off_without_correction.fork()
         application = flight.connect(direct=direct)
         application.setpoint = local_setpoint(vel=(0.0, 0.0, 0.0), yaw_rad=math.radians(yaw_deg))
         flight.run(0.5).enter_offboard().run(5.0)

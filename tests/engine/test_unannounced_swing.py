@@ -19,14 +19,21 @@ def late_swing_deg(flight: Flight, begin_s: float) -> float:
     return math.degrees(float(np.sqrt(np.mean(chi * chi))))
 
 
-@pytest.mark.parametrize("kick", [(1.0, 0.0), (0.0, -1.0), (0.7, 0.7)], ids=str)
-def test_a_kicked_load_is_seen_and_damped(hovering: Callable[[], Flight], kick: tuple[float, float]) -> None:
-    swings = {}
-    for enabled in (True, False):
-        flight = hovering()
+@pytest.fixture(scope="module")
+def settled(_hovering: Flight) -> dict[bool, Flight]:
+    """Hovering for 8 s more, by whether the correction is on; only to be forked."""
+    flights = {enabled: _hovering.fork() for enabled in (True, False)}
+    for enabled, flight in flights.items():
         flight.engine.switch_correction(flight.t_s, enabled)
         flight.run(8.0)
-        flight.forget()
+    return flights
+
+
+@pytest.mark.parametrize("kick", [(1.0, 0.0), (0.0, -1.0), (0.7, 0.7)], ids=str)
+def test_a_kicked_load_is_seen_and_damped(settled: dict[bool, Flight], kick: tuple[float, float]) -> None:
+    swings = {}
+    for enabled in (True, False):
+        flight = settled[enabled].fork()
         begin_s = flight.t_s
         flight.kick(*kick)
         flight.run(10.0)

@@ -1,5 +1,9 @@
 """Vehicles and rigs that the tests of the simulator share."""
 
+import copy
+import copyreg
+import functools
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -11,6 +15,9 @@ from swingd.model.parameters import Cable, Parameters, Payload, SimulatedKind, S
 from swingd.sim.lockstep import Lockstep
 from swingd.sim.peer import SimulatedAutopilot
 from swingd.sim.plant import DT_S, Truth
+
+# Lets a flight be copied: pymavlink's packer keeps compiled formats.
+copyreg.pickle(struct.Struct, lambda compiled: (struct.Struct, (compiled.format,)))  # type: ignore[arg-type]
 
 QUIET: dict[str, Any] = {
     "acc_noise_mps2": 0.0,
@@ -149,6 +156,21 @@ class Application:
         self.run(0.1)
         self.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m)
         self.run(10.0 + height_m)
+
+
+@functools.cache
+def _in_the_air(parameters: Parameters, released: bool) -> Application:
+    app = Application(parameters)
+    if released:
+        app.peer.plant.release()
+    app.take_off()
+    app.truths = []
+    return app
+
+
+def in_the_air(parameters: Parameters, *, released: bool = False) -> Application:
+    """A flight of its own that has taken off, without a load where it was released before; flown once for all."""
+    return copy.deepcopy(_in_the_air(parameters, released))
 
 
 def steps(duration_s: float) -> int:

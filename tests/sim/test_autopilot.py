@@ -12,7 +12,7 @@ from swingd.model.events import LandedState
 from swingd.sim.autopilot import NavState
 from swingd.sim.plant import Truth
 
-from .rigs import Application, iris, velocity
+from .rigs import Application, in_the_air, iris, velocity
 
 OFFBOARD = (1.0, 6.0, 0.0)
 
@@ -94,8 +94,7 @@ def test_offboard_is_refused_without_a_fresh_stream() -> None:
 
 
 def test_setpoints_outside_offboard_are_ignored() -> None:
-    app = Application(iris())
-    app.take_off()
+    app = in_the_air(iris())
     app.setpoint = lambda t_s: velocity(3.0, 0.0)
     app.run(3.0)
     assert app.peer.autopilot.nav_state is NavState.LOITER
@@ -148,8 +147,7 @@ def test_a_mode_asked_for_ends_the_return_to_offboard() -> None:
 
 def test_a_slow_stream_keeps_offboard_alive() -> None:
     """2.5 Hz is enough; the last setpoint is flown meanwhile."""
-    app = Application(iris())
-    app.take_off()
+    app = in_the_air(iris())
     app.offboard()
     app.setpoint = None
     for _ in range(10):
@@ -192,8 +190,7 @@ VEL, ACC, POS_Z, YAW = 0b111000, 0b111000000, 0b100, 1 << 10
 def test_masks_in_local_ned_are_flown(
     use: int, values: dict[str, float], vel: tuple[float, float], down_m: float | None
 ) -> None:
-    app = Application(iris())
-    app.take_off()
+    app = in_the_air(iris())
     app.offboard(lambda t_s: setpoint_message(mavlink.MAV_FRAME_LOCAL_NED, use | YAW, **values))
     rows = app.run(10.0)
     mean = np.mean([row.vel_ned_mps for row in rows[-580:]], axis=0)
@@ -205,8 +202,7 @@ def test_masks_in_local_ned_are_flown(
 
 
 def test_acceleration_alone_is_flown() -> None:
-    app = Application(iris())
-    app.take_off()
+    app = in_the_air(iris())
     app.offboard(lambda t_s: setpoint_message(mavlink.MAV_FRAME_LOCAL_NED, 0b011000000 | POS_Z | YAW, afx=1.0, z=-8.0))
     rows = app.run(2.0)
     assert rows[-1].vel_ned_mps[0] > 0.9
@@ -214,8 +210,7 @@ def test_acceleration_alone_is_flown() -> None:
 
 
 def test_velocity_in_body_ned_is_turned_by_yaw() -> None:
-    app = Application(iris())
-    app.take_off()
+    app = in_the_air(iris())
     app.offboard(lambda t_s: velocity(0.0, 0.0, yaw=pi / 2))
     app.run(6.0)
     assert app.peer.truth().yaw_rad == pytest.approx(pi / 2, abs=0.05)
@@ -227,8 +222,7 @@ def test_velocity_in_body_ned_is_turned_by_yaw() -> None:
 @pytest.mark.parametrize("direction", [(3.0, 0.0), (0.0, 3.0)])
 def test_velocity_step_swings_the_load_as_real_px4_does(direction: tuple[float, float]) -> None:
     """0.3 kg on 1.5 m, 0 -> 3 m/s: peak 29.5 deg, period 2.33 s, damping ratio 0.06, 16 s until under 2 deg."""
-    app = Application(iris())
-    app.take_off()
+    app = in_the_air(iris())
     app.offboard()
     app.run(4.0)
     app.setpoint = lambda t_s: velocity(*direction)
@@ -264,9 +258,7 @@ PX4_RESPONSE = {
 def test_acceleration_responds_as_on_real_px4(f_hz: float, fed: bool) -> None:
     gain_px4, phase_px4 = PX4_RESPONSE[f_hz][fed]
     w, amplitude = 2.0 * pi * f_hz, 0.8
-    app = Application(iris(load_kg=0.01))
-    app.peer.plant.release()
-    app.take_off()
+    app = in_the_air(iris(load_kg=0.01), released=True)
     app.offboard()
     start = app.t_s
 
@@ -299,8 +291,7 @@ def test_altitude_holds_while_the_battery_sags() -> None:
 
 
 def test_a_released_load_is_survived() -> None:
-    app = Application(iris())
-    app.take_off()
+    app = in_the_air(iris())
     app.peer.plant.release()
     rows = app.run(12.0)
     assert max(abs(row.pos_ned_m[2] + 8.0) for row in rows) < 0.5
@@ -321,8 +312,7 @@ def test_return_flies_home_and_lands() -> None:
 
 
 def test_reposition_flies_to_a_place() -> None:
-    app = Application(iris())
-    app.take_off()
+    app = in_the_air(iris())
     lat = 47.397742 + degrees(6.0 / 6371000.0)
     app.send(
         mavlink.MAVLink_command_int_message(
@@ -350,8 +340,7 @@ def at_yaw(request: pytest.FixtureRequest) -> Callable[[float, float], Applicati
     yaw = float(request.param)
 
     def fly(ahead: float, right: float) -> Application:
-        app = Application(iris())
-        app.take_off()
+        app = in_the_air(iris())
         app.offboard(lambda t_s: velocity(0.0, 0.0, yaw=yaw))
         app.run(8.0)
         north, east = cos(yaw) * ahead - sin(yaw) * right, sin(yaw) * ahead + cos(yaw) * right
