@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ports import tcp_port, udp_port
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.codec import Codec
@@ -102,9 +103,7 @@ async def test_a_client_on_udp_hears_asks_and_is_answered(client: Client) -> Non
 
 
 async def test_it_sends_from_the_port_that_was_asked_for(client: Client) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = udp_port()
     async with running(on_link(iris(), client.url, bind_port=port)):
         await client.wait_for("HEARTBEAT")
         assert client.autopilot[1] == port
@@ -167,9 +166,7 @@ async def test_a_url_that_is_none_is_named() -> None:
 
 
 async def test_it_serves_tcp_too() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = tcp_port()
     async with running(on_link(iris(), f"tcpin://127.0.0.1:{port}", speed=3.0)):
         await asyncio.sleep(0.1)
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
