@@ -1,5 +1,6 @@
 """The simulated autopilot behind Copter's face: streams, parameters, commands, targets, flight."""
 
+import copy
 from collections import Counter
 from collections.abc import Callable
 from math import cos, degrees, hypot, isfinite, log, nan, pi, radians, sin
@@ -469,12 +470,18 @@ def test_attitudes_are_read_as_copter_does(
 # ---------------------------------------------------------------------- flight
 
 
-@pytest.fixture
-def hovering() -> Application:
+@pytest.fixture(scope="module")
+def _hovering() -> Application:
     application = Application(as_copter(iris(load_kg=0.005)))
     application.keep = True
     application.take_off_guided()
+    application.truths = []
     return application
+
+
+@pytest.fixture
+def hovering(_hovering: Application) -> Application:
+    return copy.deepcopy(_hovering)
 
 
 def test_it_takes_off_and_stays_in_guided(hovering: Application) -> None:
