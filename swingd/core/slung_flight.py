@@ -168,6 +168,10 @@ _P = MultirotorParam
 _I = CascadeInput
 _F = FlightParam
 _L = FlightLog
+OUTPUTS = int(_Y.SIZE)
+CASCADE_INPUTS = int(_I.SIZE)
+CASCADE_STATES = int(CascadeState.SIZE)
+TURBULENCE_STATES = int(TurbulenceState.SIZE)
 _OK = int(Status.OK)
 _GATED = int(Status.GATED)
 
@@ -201,6 +205,14 @@ def swing_angles(swing_out, cable):
     swing_out[3] = (cable[3] * across2 - x * (y * cable[4] + z * cable[5])) / (length2 * across)
 
 
+@kernel(VOID(VEC, F8))
+def _limit(vector, size):
+    length = hypot(vector[0], vector[1])
+    if length > size:
+        vector[0] *= size / length
+        vector[1] *= size / length
+
+
 @kernel(VOID(VEC, VEC, VEC, VEC, F8))
 def _payload_law(acc_out, push, swing, f, dt_s):
     """Acceleration asked for, heading frame; ``push`` remembers slow part, acceleration, velocity, position, 2 each."""
@@ -232,14 +244,6 @@ def _payload_law(acc_out, push, swing, f, dt_s):
     for j in range(2):
         push[6 + j] = kept * push[6 + j] + push[4 + j] * dt_s
     _limit(push[6:8], f[_F.POS_MAX])
-
-
-@kernel(VOID(VEC, F8))
-def _limit(vector, size):
-    length = hypot(vector[0], vector[1])
-    if length > size:
-        vector[0] *= size / length
-        vector[1] *= size / length
 
 
 @kernel(VOID(VEC, VEC, VEC, VEC, VEC, VEC, VEC, F8))
@@ -314,19 +318,17 @@ def fly(log, x, p, rotors, allocation, cascade, f, references, noise, white):
     n_rotors = rotors.shape[0]
     u = np.zeros(_U.OMEGA + n_rotors)
     x_dot = np.empty(x.shape[0])
-    y = np.empty(int(_Y.SIZE))
+    y = np.empty(OUTPUTS)
     inflow = np.full(n_rotors, 10.0)
-    gust, gust_state, load_gust_state = np.zeros(6), np.zeros(int(TurbulenceState.SIZE)), np.zeros(
-        int(TurbulenceState.SIZE)
-    )
-    memory = np.zeros(int(CascadeState.SIZE))
+    gust, gust_state, load_gust_state = np.zeros(6), np.zeros(TURBULENCE_STATES), np.zeros(TURBULENCE_STATES)
+    memory = np.zeros(CASCADE_STATES)
     for j in range(3):
         memory[CascadeState.VEL_SLOW + j] = x[_S.VEL + j]
         u[_U.WIND + j] = f[_F.WIND + j]
         u[_U.LOAD_WIND + j] = f[_F.WIND + j]
     omega = x[_S.OMEGA :].copy()
     u[_U.OMEGA :] = omega
-    sample = np.zeros(int(_I.SIZE))
+    sample = np.zeros(CASCADE_INPUTS)
     acc_vc, acc_pc, push = np.zeros(3), np.zeros(2), np.zeros(8)
     swing, cable = np.zeros(4), np.zeros(6)
 

@@ -1,0 +1,1 @@
+"""The papers' cases, recomputed: scenario, indicators, printed figures beside ours, pictures."""
