@@ -10,7 +10,6 @@ from math import pi, sqrt
 
 from swingd.core._jit import F8, VEC, VOID, kernel
 
-
 INFLOW_ITERATIONS_MAX = 30
 INFLOW_TOLERANCE_MPS = 1e-9
 
@@ -104,5 +103,5 @@ def inplane_loads(loads_out, inflow_mps, inplane_mps, omega_radps, density_kg_m3
     profile = half * blade[CHORD_75] * blade[PROFILE_DRAG]
     mean_pitch = root + 0.5 * twist
     loads_out[0] = 0.5 * V * (profile * tip + lift * (w * mean_pitch + 0.5 * a0 * a0 * tip))
-    loads_out[1] = 1.5 * lift * a0 * V * (tip * (root / 2.0 + twist / 3.0) - w)
+    loads_out[1] = -1.5 * lift * a0 * V * (tip * (root / 2.0 + twist / 3.0) - w)
     loads_out[2] = lift * radius * V * (tip * (root / 3.0 + twist / 4.0) - 0.25 * w)
