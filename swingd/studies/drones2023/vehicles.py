@@ -222,3 +222,41 @@ def _octarotor() -> Vehicle:
 
 
 OCTAROTOR = _octarotor()
+
+
+def _x500() -> Vehicle:
+    """Section 4.2; propellers 1045, frame and rope as such parts are, for the paper does not print them."""
+    arm, hub_m = 0.5 / 2.0 * 2.0**-0.5, -0.03
+    places = ((arm, arm, 1), (-arm, -arm, 1), (arm, -arm, -1), (-arm, arm, -1))
+    return Vehicle(
+        mass_kg=2.0,
+        inertia_kg_m2=((0.0216, 0.0, 0.0), (0.0, 0.0216, 0.0), (0.0, 0.0, 0.0400)),
+        rotors=tuple(RotorUnit((x, y, hub_m), spin, 1.42e-5, 2.35e-7) for x, y, spin in places),
+        blade=Blade(
+            count=2,
+            radius_m=0.127,
+            chord_mean_m=0.021,
+            chord_75_m=0.018,
+            lift_slope_per_rad=5.7,
+            precone_rad=0.0,
+            pitch_root_rad=0.42,
+            twist_rad=-0.30,
+            profile_drag=0.02,
+        ),
+        reference_density_kg_m3=1.225,
+        rotor_lag_s=0.03,
+        rotor_thrust_max_n=11.0,
+        hook_frd_m=(0.0, 0.0, 0.15),
+        centre_of_pressure_frd_m=(0.0, 0.0, 0.0),
+        imu_frd_m=(0.0, 0.0, 0.0),
+        drag_area_m2=(0.03, 0.03, 0.06),
+        load_mass_kg=0.192,
+        load_drag_area_m2=0.5 * 0.00283,
+        cable_length_m=1.9,
+        cable_stiffness_n_per_m=2000.0,
+        cable_damping_ns_per_m=1.9,
+        origin_altitude_m=-327.0,  # where the standard atmosphere is as dense as air of 8 deg C and 1020 hPa
+    )
+
+
+X500 = _x500()

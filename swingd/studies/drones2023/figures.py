@@ -1,0 +1,398 @@
+"""Figures 4 to 16 and 18 to 21 of the paper, drawn from flights of our own."""
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from swingd.core.slung_flight import FlightLog
+from swingd.model.estimate import FloatArray
+from swingd.studies.drones2023.flight import Flight, StudyError
+from swingd.studies.drones2023.potentiometer import readings
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Flights = Mapping[tuple[str, str], Flight]
+"""By case (case1, case2, case3, manoeuvre1, manoeuvre2) and variant (off, on, fgdf, default)."""
+
+SUFFIXES = ("png", "svg")
+POTENTIOMETER_SEED = 1
+DETAIL_S = 20.0
+"""What the enlarged panels show."""
+TO_WAYPOINT_4 = 3
+"""Leg whose flight swings the load most to the side."""
+SETTLED_SHARE = 0.05
+"""Of the initial swing: section 4.1.3 says when case 1 falls below it."""
+
+# At 7 in. a picture is 700 px wide with the sizes below as they are seen, and sharp on a dense screen by its dpi.
+WIDTH_IN = 7.0
+DPI = 160
+STYLE: dict[str, Any] = {
+    "figure.dpi": DPI,
+    "savefig.dpi": DPI,
+    "figure.titlesize": 10.5,
+    "figure.titleweight": "bold",
+    "font.size": 9.5,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.01,
+    "grid.alpha": 0.25,
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 9.0,
+    "legend.frameon": False,
+    "legend.handlelength": 1.8,
+    "legend.columnspacing": 1.2,
+    "lines.linewidth": 1.2,
+    # The same flights give the same bytes.
+    "svg.hashsalt": "swingd",
+}
+
+# Hues that colour-blind readers tell apart, each for one thing in all figures.
+TRUE: dict[str, Any] = {"color": "black", "label": "true"}
+POTENTIOMETER: dict[str, Any] = {"color": "black", "lw": 1.0, "label": "potentiometer"}
+FLOWN: dict[str, Any] = {"color": "black", "label": "flown"}
+EKF: dict[str, Any] = {"color": "#D55E00", "label": "EKF", "lw": 1.1}
+FGDF: dict[str, Any] = {"color": "#0072B2", "label": "FGDF", "lw": 1.0}
+SET_POINT: dict[str, Any] = {"color": "#CC3377", "label": "set-point", "ls": "--"}
+OFF: dict[str, Any] = {"color": "0.6", "label": "no payload controller"}
+ON: dict[str, Any] = {"color": "#009E73", "label": "payload controller (16)"}
+DEFAULT: dict[str, Any] = {"color": "#7B4FA3", "label": "default law", "lw": 0.8}
+NED: tuple[dict[str, Any], ...] = tuple(
+    {"color": color, "label": name, "lw": width}
+    for color, name, width in (("#E69F00", "north", 1.2), ("#56B4E9", "east", 1.2), ("#555555", "down", 1.0))
+)
+GUIDE: dict[str, Any] = {"color": "0.4", "lw": 0.8, "ls": ":"}
+
+_SWING = ((r"\xi", "lateral"), (r"\zeta", "longitudinal"))
+
+
+def draw(
+    flights: Flights, folder: Path, suffix: str = "png", watch: Callable[[float], None] = lambda _share: None
+) -> list[Path]:
+    """Write the pictures, one file each: ``figure04.png`` and so on.
+
+    Parameters
+    ----------
+    flights : Mapping
+        By case and variant: ``off``, without payload controller, of all; ``on``, (16) on the EKF, of the cases 1 and
+        2. ``default``, the daemon's own law, is drawn beside them in case 1 where it is given.
+    folder : Path
+        Made where it is missing.
+    suffix : str
+        ``png`` or ``svg``.
+    watch : Callable
+        Told the share done, 0..1.
+
+    Returns
+    -------
+    list of Path
+        What was written, by number.
+
+    Raises
+    ------
+    StudyError
+        If a flight that a figure needs is missing, or if the suffix is none of both.
+    """
+    import matplotlib as mpl
+
+    if suffix not in SUFFIXES:
+        raise StudyError(f"picture suffix {suffix!r}: expected one of {', '.join(SUFFIXES)}")
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    with mpl.rc_context(STYLE):
+        for number, figure in figures(flights):
+            path = folder / f"figure{number:02d}.{suffix}"
+            figure.savefig(path, metadata={"Date": None} if suffix == "svg" else None)
+            paths.append(path)
+            watch(len(paths) / len(_FIGURES))
+    return paths
+
+
+def figures(flights: Flights) -> Iterator[tuple[int, "Figure"]]:
+    """Draw one figure after the other, each with its number in the paper; raises as `draw` does."""
+    import matplotlib as mpl
+
+    for number, compose in _FIGURES.items():
+        with mpl.rc_context(STYLE):
+            figure = compose(flights)
+            figure.suptitle(f"Figure {number}. {figure.get_suptitle()}", x=0.01, ha="left")
+        yield number, figure
+
+
+def _position_error(flights: Flights) -> "Figure":
+    flight = _flight(flights, "case1", "off")
+    figure, (axis,) = _panels("Position error, case 1, no payload controller", 1)
+    _components(axis, flight, flight.column(FlightLog.REFERENCE, 3) - flight.column(FlightLog.POS, 3))
+    axis.set_ylabel("set-point minus position [m]")
+    return figure
+
+
+def _swing_state(flights: Flights) -> "Figure":
+    flight = _flight(flights, "case1", "off")
+    figure, axes = _panels("True and estimated swing, case 1, no payload controller", 2, 2)
+    for j, axis in enumerate(axes):
+        # Row by row: an angle and its rate.
+        side, rate = divmod(j, 2)
+        _swing(axis, flight, 2 * rate + side, (TRUE, EKF))
+        axis.set_title(f"{'abcd'[j]})")
+    return figure
+
+
+def _damping(flights: Flights) -> "Figure":
+    figure, (angle, rate) = _panels("Swing angle and rate with and without payload controller, case 1", 2)
+    for flight, style in _laws(flights):
+        angle.plot(flight.t_s, np.degrees(flight.column(FlightLog.CHI)), **style)
+        rate.plot(flight.t_s, np.degrees(flight.column(FlightLog.CHI_RATE)), **style)
+    still = SETTLED_SHARE * np.degrees(_flight(flights, "case1", "off").log[0, FlightLog.CHI])
+    angle.axhline(still, **GUIDE, label=f"{SETTLED_SHARE:.0%} of the start")
+    angle.set_ylim(bottom=0.0)
+    angle.set_ylabel(r"swing angle $\chi$ [deg]")
+    rate.set_ylabel(r"swing rate $\nu$ [deg/s]")
+    _legend(angle)
+    return figure
+
+
+def _opposition(flights: Flights) -> "Figure":
+    flight = _flight(flights, "case1", "on")
+    figure, (sign, distance) = _panels("Desired accelerations, and error distance, case 1", 2)
+    product = np.sum(flight.column(FlightLog.ACC_VC, 3) * flight.column(FlightLog.ACC_PC, 3), axis=1)
+    sign.plot(flight.t_s, np.sign(product), color=ON["color"], lw=0.5, label="with payload controller (16)")
+    sign.set_ylabel(r"sign of $a^{VC}_{sp} \cdot a^{PC}_{sp}$")
+    sign.set_yticks([-1, 0, 1])
+    sign.set_title("a)")
+    for flown, style in _laws(flights):
+        across = (flown.column(FlightLog.REFERENCE, 2) - flown.column(FlightLog.POS, 2)).T
+        distance.plot(flown.t_s, np.hypot(*across), **style)
+    distance.set_ylim(bottom=0.0)
+    distance.set_ylabel("error distance $d$ [m]")
+    distance.set_title("b)")
+    _legend(sign)
+    _legend(distance)
+    return figure
+
+
+def _velocity_error(flights: Flights) -> "Figure":
+    flight = _flight(flights, "case2", "on")
+    figure, (axis,) = _panels("Velocity error, case 2, payload controller (16)", 1)
+    _components(axis, flight, flight.column(FlightLog.REFERENCE, 3) - flight.column(FlightLog.VEL, 3))
+    axis.set_ylabel("set-point minus velocity [m/s]")
+    return figure
+
+
+def _forward_swing(flights: Flights) -> "Figure":
+    flight = _flight(flights, "case2", "on")
+    figure, axes = _panels(r"True and estimated longitudinal swing, case 2, payload controller (16)", 2)
+    for index, axis in zip((1, 3), axes, strict=True):
+        _swing(axis, flight, index, (TRUE, EKF))
+    _legend(axes[0])
+    return figure
+
+
+def _disturbance(flights: Flights) -> "Figure":
+    flight = _flight(flights, "case2", "on")
+    figure, axes = _panels("True and estimated disturbance force, case 2, payload controller (16)", 3)
+    force, estimated = flight.column(FlightLog.FORCE, 3), flight.column(FlightLog.EKF, 7)[:, 4:]
+    for j, (axis, name) in enumerate(zip(axes, ("forward", "right", "down"), strict=True)):
+        axis.plot(flight.t_s, estimated[:, j], **EKF)
+        axis.plot(flight.t_s, force[:, j], **TRUE)
+        axis.set_ylabel(f"{name} $f_{{a{j + 1}}}$ [N]")
+    _legend(axes[0])
+    return figure
+
+
+def _trajectory(flights: Flights) -> "Figure":
+    from matplotlib.patches import Circle
+
+    flight = _flight(flights, "case3", "off")
+    figure, (plan, side) = _panels("Trajectory, case 3, no payload controller", 1, 2, height_in=4.4)
+    scenario = flight.scenario
+    way = np.array([place for _, *place in scenario.references])
+    pos = flight.column(FlightLog.POS, 3)
+    names: dict[tuple[float, ...], list[str]] = {}
+    for number, place in enumerate(way, start=1):
+        names.setdefault(tuple(place), []).append(f"WP{number}")
+    # Plan: east over north. Elevation as an observer in the west sees it: north to the right, up.
+    for axis, across, up, up_sign in ((plan, 1, 0, 1.0), (side, 0, 2, -1.0)):
+        axis.plot(way[:, across], up_sign * way[:, up], **GUIDE, label="between waypoints")
+        axis.plot(pos[:, across], up_sign * pos[:, up], **FLOWN)
+        seen: dict[tuple[float, float], list[str]] = {}
+        for place, labels in names.items():
+            seen.setdefault((place[across], up_sign * place[up]), []).extend(labels)
+        for number, (centre, labels) in enumerate(seen.items()):
+            axis.add_patch(
+                Circle(
+                    centre, scenario.accept_radius_m, fill=False, color=SET_POINT["color"],
+                    label=f"waypoint, within {scenario.accept_radius_m:g} m" if number == 0 else None,
+                )
+            )  # fmt: skip
+            axis.annotate(
+                ", ".join(labels), centre, xytext=(6, 7), textcoords="offset points", fontsize=8,
+                color=SET_POINT["color"],
+            )  # fmt: skip
+        axis.set_aspect("equal", adjustable="datalim")
+    plan.set(title="a) plan", xlabel="east [m]", ylabel="north [m]")
+    side.set(title="b) elevation", xlabel="north [m]", ylabel="altitude [m]")
+    handles, labels = plan.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure
+
+
+def _wind(flights: Flights) -> "Figure":
+    flight = _flight(flights, "case3", "off")
+    figure, (velocity, rate) = _panels("Wind at the vehicle, case 3, no payload controller", 2)
+    _components(velocity, flight, flight.column(FlightLog.WIND, 3))
+    _components(rate, flight, np.degrees(flight.column(FlightLog.GUST_RATE, 3)), legend=False)
+    velocity.set_ylabel("velocity [m/s]")
+    rate.set_ylabel("rotation [deg/s]")
+    return figure
+
+
+def _filters(index: int, flights: Flights) -> "Figure":
+    flight = _flight(flights, "case3", "off")
+    rate, side = divmod(index, 2)
+    quantity = "rate" if rate else "angle"
+    figure, axes = _panels(
+        f"{_SWING[side][1].capitalize()} swing {quantity}, true and by both filters, case 3, no payload controller", 2,
+        share_time=False,
+    )  # fmt: skip
+    first_s, last_s = _detail(flight, side)
+    for axis in axes:
+        _swing(axis, flight, index, (FGDF, TRUE, EKF))
+    whole, detail = axes
+    whole.axvspan(first_s, last_s, color="0.92", zorder=0)
+    shown = (flight.t_s >= first_s) & (flight.t_s <= last_s)
+    lines = [np.asarray(line.get_ydata())[shown] for line in detail.get_lines()]
+    low, high = min(map(np.min, lines)), max(map(np.max, lines))
+    edge = 0.05 * (high - low) + 1e-6
+    detail.set(xlim=(first_s, last_s), ylim=(low - edge, high + edge), facecolor="0.97", title="detail")
+    _legend(whole)
+    return figure
+
+
+def _detail(flight: Flight, side: int) -> tuple[float, float]:
+    """Where the paper looks closer: aside from waypoint 3 to 4, ahead the hover against the wind at the end."""
+    end_s = flight.duration_s
+    on_the_way = flight.t_s[flight.column(FlightLog.LEG) == TO_WAYPOINT_4]
+    if side == 0 and on_the_way.size:
+        return on_the_way[0], min(on_the_way[0] + DETAIL_S, end_s)
+    return max(0.0, end_s - DETAIL_S), end_s
+
+
+def _speed(case: str, side: int, flights: Flights) -> "Figure":
+    flight = _flight(flights, case, "off")
+    name, axis_name = (("Lateral", "y_H"), ("Longitudinal", "x_H"))[side]
+    figure, (axis,) = _panels(f"{name} velocity, manoeuvre {case[-1]}", 1)
+    yaw = flight.column(FlightLog.EULER, 3)[:, 2]
+    axis.plot(flight.t_s, _heading(flight.column(FlightLog.VEL, 2), yaw)[1 - side], **FLOWN)
+    set_point = _heading(flight.column(FlightLog.REFERENCE, 2), np.full(yaw.shape, flight.scenario.yaw_rad))
+    axis.plot(flight.t_s, set_point[1 - side], **SET_POINT)
+    axis.set_ylabel(f"velocity along ${axis_name}$ [m/s]")
+    _legend(axis)
+    return figure
+
+
+def _measured(case: str, side: int, flights: Flights) -> "Figure":
+    flight = _flight(flights, case, "off")
+    figure, axes = _panels(
+        f"{_SWING[side][1].capitalize()} swing by potentiometer and by both filters, manoeuvre {case[-1]}", 2
+    )
+    measured = readings(flight, POTENTIOMETER_SEED)
+    for axis, index, values in zip(axes, (side, 2 + side), (measured.angle_rad, measured.rate_radps), strict=True):
+        _swing(axis, flight, index, (FGDF,))
+        axis.plot(measured.t_s, np.degrees(values[side]), **POTENTIOMETER)
+        _swing(axis, flight, index, (EKF,))
+    axes[0].set_title("a)")
+    axes[1].set_title("b)")
+    _legend(axes[0])
+    return figure
+
+
+_FIGURES: dict[int, Callable[[Flights], "Figure"]] = {
+    4: _position_error,
+    5: _swing_state,
+    6: _damping,
+    7: _opposition,
+    8: _velocity_error,
+    9: _forward_swing,
+    10: _disturbance,
+    11: _trajectory,
+    12: _wind,
+    13: partial(_filters, 0),
+    14: partial(_filters, 2),
+    15: partial(_filters, 1),
+    16: partial(_filters, 3),
+    18: partial(_speed, "manoeuvre1", 0),
+    19: partial(_measured, "manoeuvre1", 0),
+    20: partial(_speed, "manoeuvre2", 1),
+    21: partial(_measured, "manoeuvre2", 1),
+}
+
+
+def _flight(flights: Flights, case: str, variant: str) -> Flight:
+    try:
+        return flights[case, variant]
+    except KeyError:
+        given = ", ".join(f"{a}/{b}" for a, b in flights) or "none"
+        raise StudyError(f"no flight {case}/{variant}: a figure of the study shows it; given are {given}") from None
+
+
+def _laws(flights: Flights) -> Iterator[tuple[Flight, dict[str, Any]]]:
+    """Yield what case 1 compares, each with its line."""
+    yield _flight(flights, "case1", "off"), OFF
+    yield _flight(flights, "case1", "on"), ON
+    if ("case1", "default") in flights:
+        yield flights["case1", "default"], DEFAULT
+
+
+def _heading(ned: FloatArray, yaw: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotate horizontal vectors (n, 2) into the heading frame: forward, right."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return c * ned[:, 0] + s * ned[:, 1], c * ned[:, 1] - s * ned[:, 0]
+
+
+def _swing(axis: "Axes", flight: Flight, index: int, styles: tuple[dict[str, Any], ...]) -> None:
+    """Plot one of xi, zeta and their rates, truth and filters as their styles say."""
+    first = {"true": FlightLog.SWING, "EKF": FlightLog.EKF, "FGDF": FlightLog.FGDF}
+    for style in styles:
+        axis.plot(flight.t_s, np.degrees(flight.column(first[style["label"]], 4)[:, index]), **style)
+    rate, side = divmod(index, 2)
+    symbol = _SWING[side][0]
+    axis.set_ylabel(rf"$\dot{{{symbol}}}$ [deg/s]" if rate else f"${symbol}$ [deg]")
+
+
+def _components(axis: "Axes", flight: Flight, ned: FloatArray, legend: bool = True) -> None:
+    for values, style in zip(ned.T, NED, strict=True):
+        axis.plot(flight.t_s, values, **style)
+    if legend:
+        _legend(axis)
+
+
+def _legend(axis: "Axes") -> None:
+    """Put it above the panel, where it hides no line."""
+    handles, labels = axis.get_legend_handles_labels()
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=len(labels))
+
+
+def _panels(
+    title: str, rows: int, columns: int = 1, height_in: float | None = None, share_time: bool = True
+) -> tuple["Figure", list["Axes"]]:
+    """Return a titled figure and its panels, row by row, with time below."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH_IN, height_in or 1.4 + 1.8 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=share_time and rows > 1)
+    figure.suptitle(title)
+    for axis in axes[-1] if share_time else axes.flat:
+        axis.set_xlabel("time [s]")
+    figure.align_ylabels()
+    return figure, list(axes.flat)
