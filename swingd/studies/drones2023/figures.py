@@ -31,7 +31,7 @@ SETTLED_SHARE = 0.05
 # At 7 in. a picture is 700 px wide with the sizes below as they are seen, and sharp on a dense screen by its dpi.
 WIDTH_IN = 7.0
 DPI = 160
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "figure.dpi": DPI,
     "savefig.dpi": DPI,
     "figure.titlesize": 10.5,
@@ -377,7 +377,7 @@ def _components(axis: "Axes", flight: Flight, ned: FloatArray, legend: bool = Tr
 
 def _legend(axis: "Axes") -> None:
     """Put it above the panel, where it hides no line."""
-    handles, labels = axis.get_legend_handles_labels()
+    _, labels = axis.get_legend_handles_labels()
     axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=len(labels))
 
 
