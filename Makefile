@@ -26,7 +26,7 @@ demo: $(STAMP)  ## fly a simulated PX4 with a slung load, correction off, then o
 test: export PYTHONDONTWRITEBYTECODE :=
 # In real time most of a test is waiting, so three share two cores. The files go out in the alphabet's order, by which
 # the long ones come early; xdist's own order, by the number of tests, leaves long files of few tests to the end.
-test: $(STAMP)  ## the whole test suite: virtual time on all cores, real time three at a time, what measures speed alone
+test: $(STAMP)  ## the whole test suite: virtual time on all cores, real time three at a time, what must not be late alone
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not live"
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "live and not alone"
 	$(BIN)/python -m pytest -m alone
