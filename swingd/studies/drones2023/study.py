@@ -1,0 +1,171 @@
+"""The whole study: every flight of a seed, its figures, and their mean and spread over seeds."""
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from statistics import fmean, stdev
+from typing import Any
+
+from swingd.studies.drones2023 import paper
+from swingd.studies.drones2023.cases import LAWS, SCENARIOS, VARIANTS
+from swingd.studies.drones2023.flight import Flight, run
+from swingd.studies.drones2023.indicators import disturbance, filter_errors, indicators, settled_after_s
+
+Flights = Mapping[tuple[str, str], Flight]
+"""By case and variant, see `swingd.studies.drones2023.cases.VARIANTS`."""
+Figures = dict[str, dict[str, float]]
+"""By what is judged, then by index; the figures of one seed."""
+
+
+def fly_all(seed: int, watch: Callable[[float], None] = lambda _share: None) -> dict[tuple[str, str], Flight]:
+    """Fly every variant of every case.
+
+    Parameters
+    ----------
+    seed : int
+        Of sensors and gusts; all variants of a case get the same weather.
+    watch : callable
+        Takes the share done, 0..1.
+
+    Raises
+    ------
+    StudyError
+        If a flight diverges.
+    """
+    wanted = [(scenario, variant) for scenario in SCENARIOS for variant in VARIANTS[scenario.name]]
+    flights = {}
+    for done, (scenario, variant) in enumerate(wanted, start=1):
+        flights[scenario.name, variant] = run(scenario, LAWS[variant], seed)
+        watch(done / len(wanted))
+    return flights
+
+
+def judge(flights: Flights, seed: int) -> Figures:
+    """Compute every figure of a seed's flights.
+
+    Returns
+    -------
+    dict
+        Keys ``case1/off`` and so on for the indicators, ``case1/on/change_percent`` for the changes against "off",
+        ``case3/rmse/ekf`` and so on for the filters' errors in the flights without law, ``case2/force`` for the
+        disturbance with the payload controller, ``case1/settled`` for its times under 5 %.
+    """
+    figures: Figures = {}
+    for (case, variant), flight in flights.items():
+        if case in paper.VALUES:
+            figures[f"{case}/{variant}"] = indicators(flight)
+        if variant == "off":
+            for name, errors in filter_errors(flight, seed).items():
+                figures[f"{case}/rmse/{name}"] = errors
+    for case, variants in VARIANTS.items():
+        for variant in variants:
+            if case in paper.VALUES and variant != "off":
+                off, on = figures[f"{case}/off"], figures[f"{case}/{variant}"]
+                figures[f"{case}/{variant}/change_percent"] = {
+                    index: 100.0 * (on[index] / off[index] - 1.0) for index in off
+                }
+    figures["case2/force"] = disturbance(flights["case2", "on"])
+    figures["case1/settled"] = {
+        variant: settled_after_s(flights["case1", variant]) for variant in VARIANTS["case1"]
+    }
+    return figures
+
+
+def _judged(seed: int) -> Figures:
+    return judge(fly_all(seed), seed)
+
+
+def repeat(seeds: Iterable[int], watch: Callable[[float], None] = lambda _share: None) -> list[Figures]:
+    """Judge the flights of every seed, over as many processes as there are processors.
+
+    Parameters
+    ----------
+    seeds : ints
+    watch : callable
+        Takes the share done, 0..1.
+
+    Returns
+    -------
+    list of dict
+        In the order of the seeds.
+    """
+    wanted = list(seeds)
+    workers = min(len(wanted), len(os.sched_getaffinity(0)))
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        futures = [pool.submit(_judged, seed) for seed in wanted]
+        for done, future in enumerate(as_completed(futures), start=1):
+            future.result()
+            watch(done / len(wanted))
+        return [future.result() for future in futures]
+
+
+def mean_and_spread(repeated: list[Figures]) -> tuple[Figures, Figures]:
+    """Give mean and standard deviation of every figure over the seeds; the spread of a single seed is 0."""
+    mean, spread = {}, {}
+    for group, values in repeated[0].items():
+        columns = {index: [figures[group][index] for figures in repeated] for index in values}
+        mean[group] = {index: fmean(column) for index, column in columns.items()}
+        spread[group] = {
+            index: stdev(column) if len(column) > 1 else 0.0 for index, column in columns.items()
+        }
+    return mean, spread
+
+
+def as_object(mean: Figures, spread: Figures, seeds: int) -> dict[str, Any]:
+    """Build the object that ``--json`` prints.
+
+    Returns
+    -------
+    dict
+        By case and index: ``off``, ``on``, ``change_percent``, the paper's ``paper_off``, ``paper_on``,
+        ``paper_change_percent``, the same for ``fgdf`` and ``default`` where they were flown, and ``*_std`` where more
+        than one seed was. Beside them ``rmse``, ``force`` and ``settled``. What the paper does not print is left out.
+    """
+    result: dict[str, Any] = {"seeds": seeds}
+    for case, printed in paper.VALUES.items():
+        rows: dict[str, Any] = {}
+        for index in paper.UNITS:
+            row: dict[str, float] = {}
+            for variant in VARIANTS[case]:
+                change = "change_percent" if variant == "on" else f"{variant}_change_percent"
+                changes = paper.CHANGES_PERCENT[case].get(variant, {})
+                _put(row, variant, f"{case}/{variant}", index, mean, spread, seeds, printed.get(variant, {}))
+                if variant != "off":
+                    _put(row, change, f"{case}/{variant}/change_percent", index, mean, spread, seeds, changes)
+            if row:
+                rows[index] = row
+        result[case] = rows
+    result["rmse"] = _nested(mean, "/rmse/")
+    result["force"] = mean["case2/force"] | {"paper_steady_estimated_y": paper.STEADY_FORCE_Y_N}
+    result["settled"] = mean["case1/settled"] | {f"paper_{name}": value for name, value in paper.SETTLED_S.items()}
+    return result
+
+
+def _put(
+    row: dict[str, float],
+    name: str,
+    group: str,
+    index: str,
+    mean: Figures,
+    spread: Figures,
+    seeds: int,
+    printed: Mapping[str, float],
+) -> None:
+    value = mean[group][index]
+    if value != value:
+        return
+    row[name] = value
+    if seeds > 1:
+        row[f"{name}_std"] = spread[group][index]
+    if index in printed:
+        row[f"paper_{name}"] = printed[index]
+
+
+def _nested(mean: Figures, between: str) -> dict[str, dict[str, dict[str, float]]]:
+    nested: dict[str, dict[str, dict[str, float]]] = {}
+    for group, values in mean.items():
+        case, found, name = group.partition(between)
+        if found:
+            nested.setdefault(case, {})[name] = values
+    return nested
