@@ -283,13 +283,9 @@ def test_the_cable_turns_the_vehicle_by_its_lever_at_the_hook():
     x, u, p, rotors = in_vacuum()
     x[S.QUAT : S.QUAT + 4] = (1.0, 0.0, 0.0, 0.0)
     x[S.RATE : S.RATE + 3] = 0.0
-    for hook, moment_sign in (
-        ((0.3, 0.0, 0.0), (0, -1, 0)),
-        ((0.0, 0.3, 0.0), (1, 0, 0)),
-        ((0.0, 0.0, 0.3), (0, 0, 0)),
-    ):
+    for hook, moment_sign in (([0.3, 0, 0], [0, -1, 0]), ([0, 0.3, 0], [1, 0, 0]), ([0, 0, 0.3], [0, 0, 0])):
         p[P.HOOK : P.HOOK + 3] = hook
-        x[S.LOAD_POS : S.LOAD_POS + 3] = np.array(hook) + (0.0, 0.0, 3.2)
+        x[S.LOAD_POS : S.LOAD_POS + 3] = np.add(hook, 3.2 * DOWN)
         x_dot, y = derivative(x, u, p, rotors)
         assert y[Y.TENSION] == pytest.approx(900.0 * 0.2)
         moment = p[P.INERTIA : P.INERTIA + 9].reshape(3, 3) @ vector(x_dot, S.RATE)
