@@ -7,7 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 import swingd
-from swingd.cli import check, demo, doctor, replay, run, schema, sim
+from swingd.cli import check, demo, doctor, replay, run, schema, sim, study
 from swingd.cli.process import EXIT_CODES, report
 from swingd.model.errors import SwingdError
 
@@ -67,3 +67,4 @@ app.command(epilog=replay.EXAMPLES)(replay.replay)
 app.command(epilog=check.EXAMPLES)(check.check)
 app.command(epilog=doctor.EXAMPLES)(doctor.doctor)
 app.command(epilog=schema.EXAMPLES)(schema.schema)
+app.add_typer(study.study, name="study")

@@ -55,12 +55,12 @@ def check_output(path: Path | None, option: str, inputs: tuple[Path | None, ...]
         raise ConfigurationError(f"{option}: {path} cannot be written: permission denied")
 
 
-def announce_compilation() -> None:
-    """Say so on standard error where the filter will be compiled first: it takes some twenty seconds."""
+def announce_compilation(module: str = "swing_ekf", what: str = "the filter", seconds: str = "twenty") -> None:
+    """Say so on standard error where a module of `swingd.core` will be compiled first."""
     from swingd.core._jit import is_compiled
 
-    if not is_compiled():
-        print("compiling the filter, once for this version: some twenty seconds", file=sys.stderr)
+    if not is_compiled(module):
+        print(f"compiling {what}, once for this version: some {seconds} seconds", file=sys.stderr)
 
 
 def end_on_signals() -> None:

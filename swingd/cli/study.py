@@ -1,6 +1,7 @@
 """``swingd study``."""
 
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,12 @@ if TYPE_CHECKING:
     from swingd.studies.drones2023.report import Row
     from swingd.studies.drones2023.study import Figures
 
-study = typer.Typer(no_args_is_help=True, help="Recompute the cases of a paper: tables beside the printed ones, figures.")
+study = typer.Typer(
+    no_args_is_help=True, help="Recompute the cases of a paper: tables beside the printed ones, figures."
+)
+
+WIDTH = 120
+"""Of the tables where nobody watches a terminal."""
 
 DRONES2023_EXAMPLES = """\b
 Examples:
@@ -30,9 +36,9 @@ def _study() -> None:
 
 @study.command(epilog=DRONES2023_EXAMPLES)
 def drones2023(
-    folder: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Where tables and figures go.")
-    ] = Path("swingd-drones2023"),
+    folder: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Where tables and figures go.")] = Path(
+        "swingd-drones2023"
+    ),
     seeds: Annotated[
         int, typer.Option(min=1, max=10000, help="Repeat with this many seeds of noise and gusts; mean and spread.")
     ] = 1,
@@ -50,7 +56,7 @@ def drones2023(
 
     if file_format not in ("png", "svg"):
         raise ConfigurationError(f"--format: {file_format!r} given; expected png or svg")
-    process.announce_compilation("swingd.core.slung_flight")
+    process.announce_compilation("slung_flight", "the simulation", "forty")
     from swingd.studies.drones2023.report import rows, write_csv, write_markdown
     from swingd.studies.drones2023.study import as_object, fly_all, judge, mean_and_spread, repeat
 
@@ -85,27 +91,20 @@ def drones2023(
         typer.echo(f"tables{' and figures' if figures else ''}: {folder}")
 
 
-def _print(table: "list[Row]", mean: "Figures", seeds: int) -> None:
+def _print(rows: "list[Row]", mean: "Figures", seeds: int) -> None:
+    from rich import box
     from rich.console import Console
+    from rich.table import Table
 
     from swingd.studies.drones2023 import paper, report
 
-    console = Console(markup=False)
-    for case in paper.VALUES:
-        body = [report.cells(row, seeds) for row in table if row.case == case]
-        console.print(_table(case, report.HEADINGS, body))
-    console.print(_table("RMSE of the filters, no payload controller", report.RMSE_HEADINGS, report.rmse_cells(mean)))
-    console.print(
-        _table("disturbance force, case 2 with payload controller", report.FORCE_HEADINGS, report.force_cells(mean))
-    )
-
-
-def _table(title, headings, body):  # type: ignore[no-untyped-def]
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left")
-    for number, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if number < 2 else "right", no_wrap=True)
-    for row in body:
-        table.add_row(*row)
-    return table
+    console = Console(markup=False, width=None if sys.stdout.isatty() else WIDTH)
+    tables = {case: report.case_table(case, rows, seeds) for case in paper.VALUES}
+    tables |= {report.RMSE_TITLE: report.rmse_table(mean), report.FORCE_TITLE: report.force_table(mean)}
+    for title, (headings, body) in tables.items():
+        table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+        for number, heading in enumerate(headings):
+            table.add_column(heading, justify="right" if number else "left", no_wrap=True)
+        for row in body:
+            table.add_row(*row)
+        console.print(table)

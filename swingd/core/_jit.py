@@ -35,9 +35,9 @@ def _cache_folder() -> str:
     return os.path.join(base, f"kernels-{checksum:08x}")
 
 
-def is_compiled() -> bool:
-    """Whether kernels of this source tree have been compiled and kept before."""
-    return os.path.isdir(_cache_folder())
+def is_compiled(module: str = "swing_ekf") -> bool:
+    """Whether the kernels of a module of this room have been compiled and kept before."""
+    return any(Path(_cache_folder()).glob(f"*/{module}.*.nbi"))
 
 
 setattr(numba.config, "CACHE_DIR", _cache_folder())  # noqa: B010  (numba declares its settings at run time)

@@ -22,10 +22,10 @@ from swingd.core.multirotor import (
     multirotor_derivative,
     multirotor_step,
 )
-from swingd.core.px4_cascade import CascadeInput, CascadeParam, CascadeState, cascade_update
+from swingd.core.px4_cascade import CascadeInput, CascadeState, cascade_update
 from swingd.core.status import Status
-from swingd.core.swing_ekf import rk4_step
 from swingd.core.swing_ekf import step as ekf_step
+from swingd.core.swing_ekf_rk4 import rk4_step
 from swingd.core.turbulence import TurbulenceState, turbulence_step
 
 
@@ -372,9 +372,7 @@ def fly(log, x, p, rotors, allocation, cascade, f, references, noise, white):
         cos_chi, sin_chi = cos(swing[0]) * cos(swing[1]), sin(chi)
         chi_rate = hypot(swing[2], swing[3])
         if sin_chi > 1e-6:
-            chi_rate = (
-                sin(swing[0]) * cos(swing[1]) * swing[2] + cos(swing[0]) * sin(swing[1]) * swing[3]
-            ) / sin_chi
+            chi_rate = (sin(swing[0]) * cos(swing[1]) * swing[2] + cos(swing[0]) * sin(swing[1]) * swing[3]) / sin_chi
         if not np.isfinite(cos_chi):
             return -1
 
@@ -411,9 +409,7 @@ def fly(log, x, p, rotors, allocation, cascade, f, references, noise, white):
             for j in range(3):
                 force_linear[j] = force[j] * thrust_linear / thrust
             if scheme < 0:
-                status = rk4_step(
-                    ekf, P, force, z, f[_F.EKF_Q : _F.EKF_Q + 7], R, filter_s, mass, load_mass, length
-                )
+                status = rk4_step(ekf, P, force, z, f[_F.EKF_Q : _F.EKF_Q + 7], R, filter_s, mass, load_mass, length)
             else:
                 status = ekf_step(
                     ekf_next, P_next, nis, ekf, P, force, z, f[_F.EKF_Q : _F.EKF_Q + 7], R, filter_s, filter_s,
@@ -423,9 +419,7 @@ def fly(log, x, p, rotors, allocation, cascade, f, references, noise, white):
                 P[:, :] = P_next
             if status != _OK:
                 return -1
-            status = fgdf.step(
-                linear, E, nis, force_linear, z, Phi, Gamma, f[_F.FGDF_R], f[_F.FGDF_FADING], mass, inf
-            )
+            status = fgdf.step(linear, E, nis, force_linear, z, Phi, Gamma, f[_F.FGDF_R], f[_F.FGDF_FADING], mass, inf)
             if status != _OK and status != _GATED:
                 return -1
 
@@ -504,9 +498,7 @@ def fly(log, x, p, rotors, allocation, cascade, f, references, noise, white):
 
         for step in range(control_every):
             if f[_F.TURBULENCE_WIND] > 0.0:
-                _blow(
-                    u, gust, gust_state, load_gust_state, x, white[row * control_every + step], f, 0.0
-                )
+                _blow(u, gust, gust_state, load_gust_state, x, white[row * control_every + step], f, 0.0)
             multirotor_step(x, x_dot, y, inflow, u, p, rotors, dt_s)
             steps += 1
     return log.shape[0]

@@ -70,23 +70,23 @@ X500_SENSORS = replace(OCTAROTOR_SENSORS, attitude_rad=radians(0.2), rate_radps=
 
 OCTAROTOR_FILTERS = Filters(
     load_mass_kg=0.9 * OCTAROTOR.load_mass_kg,
-    ekf_P0=(1e-6, 1e-6, 1e-6, 1e-6, 2.0, 2.0, 1e-5),
-    ekf_Q=(1e-7, 1e-7, 1e-7, 1e-7, 1.0, 1.0, 1e-7),
-    ekf_R=3.6e-5,
+    ekf_initial_var=(1e-6, 1e-6, 1e-6, 1e-6, 2.0, 2.0, 1e-5),
+    ekf_process_noise=(1e-7, 1e-7, 1e-7, 1e-7, 1.0, 1.0, 1e-7),
+    ekf_measurement_noise=3.6e-5,
     ekf_scheme=-1,
-    fgdf_E0=(1e-7, 1e-7, 1e-7, 1e-7),
-    fgdf_R=2.465e-4,
+    fgdf_initial_var=(1e-7, 1e-7, 1e-7, 1e-7),
+    fgdf_angle_var=2.465e-4,
     fgdf_fading=0.998,
     every=2,
 )
 X500_FILTERS = Filters(
     load_mass_kg=X500.load_mass_kg,
-    ekf_P0=(2.2e-5, 2.2e-5, 1.3e-4, 1.3e-4, 4.3e-5, 4.3e-5, 4.3e-5),
-    ekf_Q=(1e-5, 1e-5, 2e-5, 2e-5, 1e-5, 1e-5, 1e-5),
-    ekf_R=3.6e-5,
+    ekf_initial_var=(2.2e-5, 2.2e-5, 1.3e-4, 1.3e-4, 4.3e-5, 4.3e-5, 4.3e-5),
+    ekf_process_noise=(1e-5, 1e-5, 2e-5, 2e-5, 1e-5, 1e-5, 1e-5),
+    ekf_measurement_noise=3.6e-5,
     ekf_scheme=Scheme.BACKWARD_EULER,
-    fgdf_E0=(2.2e-5, 2.2e-5, 1.3e-4, 1.3e-4),
-    fgdf_R=2.465e-4,
+    fgdf_initial_var=(2.2e-5, 2.2e-5, 1.3e-4, 1.3e-4),
+    fgdf_angle_var=2.465e-4,
     fgdf_fading=0.996,
     every=4,
 )
@@ -201,7 +201,9 @@ MANOEUVRE_2 = replace(
     name="manoeuvre2",
     yaw_rad=radians(30.0),
     swing_rad=(radians(2.0), radians(10.0)),
-    references=_velocities(radians(30.0), (0.0, 0.0), (28.0, 3.0), (34.0, -2.0), (40.0, 2.0), (45.0, -2.0), (50.0, 0.0)),
+    references=_velocities(
+        radians(30.0), (0.0, 0.0), (28.0, 3.0), (34.0, -2.0), (40.0, 2.0), (45.0, -2.0), (50.0, 0.0)
+    ),
     duration_max_s=60.0,
 )
 """Hover with a load that still swings, then along the wind between -2 and 3 m/s."""

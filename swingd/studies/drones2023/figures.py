@@ -25,6 +25,7 @@ DETAIL_S = 20.0
 """What the enlarged panels show."""
 TO_WAYPOINT_4 = 3
 """Leg whose flight swings the load most to the side."""
+SIGN_MEAN_S = 1.0
 SETTLED_SHARE = 0.05
 """Of the initial swing: section 4.1.3 says when case 1 falls below it."""
 
@@ -56,22 +57,23 @@ STYLE: Any = {
 }
 
 # Hues that colour-blind readers tell apart, each for one thing in all figures.
-TRUE: dict[str, Any] = {"color": "black", "label": "true"}
-POTENTIOMETER: dict[str, Any] = {"color": "black", "lw": 1.0, "label": "potentiometer"}
+TRUE: dict[str, Any] = {"color": "black", "label": "true", "zorder": 2.2}
+POTENTIOMETER: dict[str, Any] = {"color": "black", "lw": 1.0, "label": "potentiometer", "zorder": 2.2}
 FLOWN: dict[str, Any] = {"color": "black", "label": "flown"}
-EKF: dict[str, Any] = {"color": "#D55E00", "label": "EKF", "lw": 1.1}
-FGDF: dict[str, Any] = {"color": "#0072B2", "label": "FGDF", "lw": 1.0}
+EKF: dict[str, Any] = {"color": "#D55E00", "label": "EKF", "lw": 1.1, "zorder": 2.3}
+FGDF: dict[str, Any] = {"color": "#0072B2", "label": "FGDF", "lw": 1.0, "zorder": 2.1}
 SET_POINT: dict[str, Any] = {"color": "#CC3377", "label": "set-point", "ls": "--"}
 OFF: dict[str, Any] = {"color": "0.6", "label": "no payload controller"}
 ON: dict[str, Any] = {"color": "#009E73", "label": "payload controller (16)"}
 DEFAULT: dict[str, Any] = {"color": "#7B4FA3", "label": "default law", "lw": 0.8}
-NED: tuple[dict[str, Any], ...] = tuple(
-    {"color": color, "label": name, "lw": width}
-    for color, name, width in (("#E69F00", "north", 1.2), ("#56B4E9", "east", 1.2), ("#555555", "down", 1.0))
+NED: tuple[dict[str, Any], ...] = (
+    {"color": "#E69F00", "label": "north"},
+    {"color": "#56B4E9", "label": "east"},
+    {"color": "#555555", "label": "down"},
 )
 GUIDE: dict[str, Any] = {"color": "0.4", "lw": 0.8, "ls": ":"}
 
-_SWING = ((r"\xi", "lateral"), (r"\zeta", "longitudinal"))
+_SYMBOLS = (r"\xi", r"\zeta")
 
 
 def draw(
@@ -120,16 +122,16 @@ def figures(flights: Flights) -> Iterator[tuple[int, "Figure"]]:
     """Draw one figure after the other, each with its number in the paper; raises as `draw` does."""
     import matplotlib as mpl
 
-    for number, compose in _FIGURES.items():
+    for number, (title, compose) in _FIGURES.items():
         with mpl.rc_context(STYLE):
             figure = compose(flights)
-            figure.suptitle(f"Figure {number}. {figure.get_suptitle()}", x=0.01, ha="left")
+            figure.suptitle(f"Figure {number}. {title}", x=0.01, ha="left")
         yield number, figure
 
 
 def _position_error(flights: Flights) -> "Figure":
     flight = _flight(flights, "case1", "off")
-    figure, (axis,) = _panels("Position error, case 1, no payload controller", 1)
+    figure, (axis,) = _panels(1)
     _components(axis, flight, flight.column(FlightLog.REFERENCE, 3) - flight.column(FlightLog.POS, 3))
     axis.set_ylabel("set-point minus position [m]")
     return figure
@@ -137,17 +139,18 @@ def _position_error(flights: Flights) -> "Figure":
 
 def _swing_state(flights: Flights) -> "Figure":
     flight = _flight(flights, "case1", "off")
-    figure, axes = _panels("True and estimated swing, case 1, no payload controller", 2, 2)
+    figure, axes = _panels(2, 2)
     for j, axis in enumerate(axes):
         # Row by row: an angle and its rate.
         side, rate = divmod(j, 2)
         _swing(axis, flight, 2 * rate + side, (TRUE, EKF))
         axis.set_title(f"{'abcd'[j]})")
+    _legend(axes[1])
     return figure
 
 
 def _damping(flights: Flights) -> "Figure":
-    figure, (angle, rate) = _panels("Swing angle and rate with and without payload controller, case 1", 2)
+    figure, (angle, rate) = _panels(2)
     for flight, style in _laws(flights):
         angle.plot(flight.t_s, np.degrees(flight.column(FlightLog.CHI)), **style)
         rate.plot(flight.t_s, np.degrees(flight.column(FlightLog.CHI_RATE)), **style)
@@ -162,9 +165,14 @@ def _damping(flights: Flights) -> "Figure":
 
 def _opposition(flights: Flights) -> "Figure":
     flight = _flight(flights, "case1", "on")
-    figure, (sign, distance) = _panels("Desired accelerations, and error distance, case 1", 2)
+    figure, (sign, distance) = _panels(2)
     product = np.sum(flight.column(FlightLog.ACC_VC, 3) * flight.column(FlightLog.ACC_PC, 3), axis=1)
-    sign.plot(flight.t_s, np.sign(product), color=ON["color"], lw=0.5, label="with payload controller (16)")
+    # Where both are small the noise decides the sign, many times a second; its mean shows what remains.
+    samples = min(round(SIGN_MEAN_S / (flight.t_s[1] - flight.t_s[0])), product.size)
+    mean = np.convolve(np.sign(product), np.ones(samples) / samples, mode="valid")
+    first = (product.size - mean.size) // 2
+    sign.plot(flight.t_s, np.sign(product), color="#A8DCCB", lw=0.5, label="every sample")
+    sign.plot(flight.t_s[first : first + mean.size], mean, color=ON["color"], label=f"mean over {SIGN_MEAN_S:g} s")
     sign.set_ylabel(r"sign of $a^{VC}_{sp} \cdot a^{PC}_{sp}$")
     sign.set_yticks([-1, 0, 1])
     sign.set_title("a)")
@@ -181,7 +189,7 @@ def _opposition(flights: Flights) -> "Figure":
 
 def _velocity_error(flights: Flights) -> "Figure":
     flight = _flight(flights, "case2", "on")
-    figure, (axis,) = _panels("Velocity error, case 2, payload controller (16)", 1)
+    figure, (axis,) = _panels(1)
     _components(axis, flight, flight.column(FlightLog.REFERENCE, 3) - flight.column(FlightLog.VEL, 3))
     axis.set_ylabel("set-point minus velocity [m/s]")
     return figure
@@ -189,7 +197,7 @@ def _velocity_error(flights: Flights) -> "Figure":
 
 def _forward_swing(flights: Flights) -> "Figure":
     flight = _flight(flights, "case2", "on")
-    figure, axes = _panels(r"True and estimated longitudinal swing, case 2, payload controller (16)", 2)
+    figure, axes = _panels(2)
     for index, axis in zip((1, 3), axes, strict=True):
         _swing(axis, flight, index, (TRUE, EKF))
     _legend(axes[0])
@@ -198,11 +206,11 @@ def _forward_swing(flights: Flights) -> "Figure":
 
 def _disturbance(flights: Flights) -> "Figure":
     flight = _flight(flights, "case2", "on")
-    figure, axes = _panels("True and estimated disturbance force, case 2, payload controller (16)", 3)
+    figure, axes = _panels(3)
     force, estimated = flight.column(FlightLog.FORCE, 3), flight.column(FlightLog.EKF, 7)[:, 4:]
     for j, (axis, name) in enumerate(zip(axes, ("forward", "right", "down"), strict=True)):
-        axis.plot(flight.t_s, estimated[:, j], **EKF)
         axis.plot(flight.t_s, force[:, j], **TRUE)
+        axis.plot(flight.t_s, estimated[:, j], **EKF)
         axis.set_ylabel(f"{name} $f_{{a{j + 1}}}$ [N]")
     _legend(axes[0])
     return figure
@@ -212,31 +220,30 @@ def _trajectory(flights: Flights) -> "Figure":
     from matplotlib.patches import Circle
 
     flight = _flight(flights, "case3", "off")
-    figure, (plan, side) = _panels("Trajectory, case 3, no payload controller", 1, 2, height_in=4.4)
-    scenario = flight.scenario
+    figure, (plan, side) = _panels(1, 2, height_in=4.4)
+    scenario, color = flight.scenario, SET_POINT["color"]
     way = np.array([place for _, *place in scenario.references])
     pos = flight.column(FlightLog.POS, 3)
     names: dict[tuple[float, ...], list[str]] = {}
     for number, place in enumerate(way, start=1):
-        names.setdefault(tuple(place), []).append(f"WP{number}")
+        names.setdefault(tuple(place), []).append(str(number))
     # Plan: east over north. Elevation as an observer in the west sees it: north to the right, up.
     for axis, across, up, up_sign in ((plan, 1, 0, 1.0), (side, 0, 2, -1.0)):
         axis.plot(way[:, across], up_sign * way[:, up], **GUIDE, label="between waypoints")
         axis.plot(pos[:, across], up_sign * pos[:, up], **FLOWN)
         seen: dict[tuple[float, float], list[str]] = {}
-        for place, labels in names.items():
-            seen.setdefault((place[across], up_sign * place[up]), []).extend(labels)
-        for number, (centre, labels) in enumerate(seen.items()):
-            axis.add_patch(
-                Circle(
-                    centre, scenario.accept_radius_m, fill=False, color=SET_POINT["color"],
-                    label=f"waypoint, within {scenario.accept_radius_m:g} m" if number == 0 else None,
-                )
-            )  # fmt: skip
+        for place, numbers in names.items():
+            seen.setdefault((place[across], up_sign * place[up]), []).extend(numbers)
+        for centre, numbers in seen.items():
+            axis.add_patch(Circle(centre, scenario.accept_radius_m, fill=False, color=color))
             axis.annotate(
-                ", ".join(labels), centre, xytext=(6, 7), textcoords="offset points", fontsize=8,
-                color=SET_POINT["color"],
+                f"WP {', '.join(numbers)}", centre, xytext=(8, 8), textcoords="offset points", fontsize=8.5,
+                color=color, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5},
             )  # fmt: skip
+        axis.plot(
+            [], [], "o", color=color, markerfacecolor="none", markersize=9,
+            label=f"waypoint, within {scenario.accept_radius_m:g} m",
+        )  # fmt: skip
         axis.set_aspect("equal", adjustable="datalim")
     plan.set(title="a) plan", xlabel="east [m]", ylabel="north [m]")
     side.set(title="b) elevation", xlabel="north [m]", ylabel="altitude [m]")
@@ -247,9 +254,9 @@ def _trajectory(flights: Flights) -> "Figure":
 
 def _wind(flights: Flights) -> "Figure":
     flight = _flight(flights, "case3", "off")
-    figure, (velocity, rate) = _panels("Wind at the vehicle, case 3, no payload controller", 2)
+    figure, (velocity, rate) = _panels(2)
     _components(velocity, flight, flight.column(FlightLog.WIND, 3))
-    _components(rate, flight, np.degrees(flight.column(FlightLog.GUST_RATE, 3)), legend=False)
+    _components(rate, flight, np.degrees(flight.column(FlightLog.GUST_RATE, 3)), legend=False, lw=0.3)
     velocity.set_ylabel("velocity [m/s]")
     rate.set_ylabel("rotation [deg/s]")
     return figure
@@ -257,15 +264,10 @@ def _wind(flights: Flights) -> "Figure":
 
 def _filters(index: int, flights: Flights) -> "Figure":
     flight = _flight(flights, "case3", "off")
-    rate, side = divmod(index, 2)
-    quantity = "rate" if rate else "angle"
-    figure, axes = _panels(
-        f"{_SWING[side][1].capitalize()} swing {quantity}, true and by both filters, case 3, no payload controller", 2,
-        share_time=False,
-    )  # fmt: skip
-    first_s, last_s = _detail(flight, side)
+    figure, axes = _panels(2, share_time=False)
+    first_s, last_s = _detail(flight, side=index % 2)
     for axis in axes:
-        _swing(axis, flight, index, (FGDF, TRUE, EKF))
+        _swing(axis, flight, index, (TRUE, EKF, FGDF))
     whole, detail = axes
     whole.axvspan(first_s, last_s, color="0.92", zorder=0)
     shown = (flight.t_s >= first_s) & (flight.t_s <= last_s)
@@ -288,52 +290,49 @@ def _detail(flight: Flight, side: int) -> tuple[float, float]:
 
 def _speed(case: str, side: int, flights: Flights) -> "Figure":
     flight = _flight(flights, case, "off")
-    name, axis_name = (("Lateral", "y_H"), ("Longitudinal", "x_H"))[side]
-    figure, (axis,) = _panels(f"{name} velocity, manoeuvre {case[-1]}", 1)
+    figure, (axis,) = _panels(1)
     yaw = flight.column(FlightLog.EULER, 3)[:, 2]
     axis.plot(flight.t_s, _heading(flight.column(FlightLog.VEL, 2), yaw)[1 - side], **FLOWN)
     set_point = _heading(flight.column(FlightLog.REFERENCE, 2), np.full(yaw.shape, flight.scenario.yaw_rad))
     axis.plot(flight.t_s, set_point[1 - side], **SET_POINT)
-    axis.set_ylabel(f"velocity along ${axis_name}$ [m/s]")
+    axis.set_ylabel(f"velocity along ${'yx'[side]}_H$ [m/s]")
     _legend(axis)
     return figure
 
 
 def _measured(case: str, side: int, flights: Flights) -> "Figure":
     flight = _flight(flights, case, "off")
-    figure, axes = _panels(
-        f"{_SWING[side][1].capitalize()} swing by potentiometer and by both filters, manoeuvre {case[-1]}", 2
-    )
+    figure, axes = _panels(2)
     measured = readings(flight, POTENTIOMETER_SEED)
     for axis, index, values in zip(axes, (side, 2 + side), (measured.angle_rad, measured.rate_radps), strict=True):
-        _swing(axis, flight, index, (FGDF,))
         axis.plot(measured.t_s, np.degrees(values[side]), **POTENTIOMETER)
-        _swing(axis, flight, index, (EKF,))
+        _swing(axis, flight, index, (EKF, FGDF))
     axes[0].set_title("a)")
     axes[1].set_title("b)")
     _legend(axes[0])
     return figure
 
 
-_FIGURES: dict[int, Callable[[Flights], "Figure"]] = {
-    4: _position_error,
-    5: _swing_state,
-    6: _damping,
-    7: _opposition,
-    8: _velocity_error,
-    9: _forward_swing,
-    10: _disturbance,
-    11: _trajectory,
-    12: _wind,
-    13: partial(_filters, 0),
-    14: partial(_filters, 2),
-    15: partial(_filters, 1),
-    16: partial(_filters, 3),
-    18: partial(_speed, "manoeuvre1", 0),
-    19: partial(_measured, "manoeuvre1", 0),
-    20: partial(_speed, "manoeuvre2", 1),
-    21: partial(_measured, "manoeuvre2", 1),
+_FIGURES: dict[int, tuple[str, Callable[[Flights], "Figure"]]] = {
+    4: ("Position error, case 1, no payload controller", _position_error),
+    5: ("True and estimated swing, case 1, no payload controller", _swing_state),
+    6: ("Swing angle and rate with and without payload controller, case 1", _damping),
+    7: ("Opposition of the desired accelerations, and error distance, case 1", _opposition),
+    8: ("Velocity error, case 2, payload controller", _velocity_error),
+    9: ("True and estimated longitudinal swing, case 2, payload controller", _forward_swing),
+    10: ("True and estimated disturbance force, case 2, payload controller", _disturbance),
+    11: ("Trajectory, case 3, no payload controller", _trajectory),
+    12: ("Wind at the vehicle, case 3, no payload controller", _wind),
+    13: ("Lateral swing angle, case 3, no payload controller", partial(_filters, 0)),
+    14: ("Lateral swing rate, case 3, no payload controller", partial(_filters, 2)),
+    15: ("Longitudinal swing angle, case 3, no payload controller", partial(_filters, 1)),
+    16: ("Longitudinal swing rate, case 3, no payload controller", partial(_filters, 3)),
+    18: ("Lateral velocity, manoeuvre 1", partial(_speed, "manoeuvre1", 0)),
+    19: ("Lateral swing by potentiometer and filters, manoeuvre 1", partial(_measured, "manoeuvre1", 0)),
+    20: ("Longitudinal velocity, manoeuvre 2", partial(_speed, "manoeuvre2", 1)),
+    21: ("Longitudinal swing by potentiometer and filters, manoeuvre 2", partial(_measured, "manoeuvre2", 1)),
 }
+"""Number in the paper, title, and what draws it."""
 
 
 def _flight(flights: Flights, case: str, variant: str) -> Flight:
@@ -364,13 +363,13 @@ def _swing(axis: "Axes", flight: Flight, index: int, styles: tuple[dict[str, Any
     for style in styles:
         axis.plot(flight.t_s, np.degrees(flight.column(first[style["label"]], 4)[:, index]), **style)
     rate, side = divmod(index, 2)
-    symbol = _SWING[side][0]
+    symbol = _SYMBOLS[side]
     axis.set_ylabel(rf"$\dot{{{symbol}}}$ [deg/s]" if rate else f"${symbol}$ [deg]")
 
 
-def _components(axis: "Axes", flight: Flight, ned: FloatArray, legend: bool = True) -> None:
+def _components(axis: "Axes", flight: Flight, ned: FloatArray, legend: bool = True, lw: float = 1.1) -> None:
     for values, style in zip(ned.T, NED, strict=True):
-        axis.plot(flight.t_s, values, **style)
+        axis.plot(flight.t_s, values, lw=lw, **style)
     if legend:
         _legend(axis)
 
@@ -382,16 +381,15 @@ def _legend(axis: "Axes") -> None:
 
 
 def _panels(
-    title: str, rows: int, columns: int = 1, height_in: float | None = None, share_time: bool = True
+    rows: int, columns: int = 1, height_in: float | None = None, share_time: bool = True
 ) -> tuple["Figure", list["Axes"]]:
-    """Return a titled figure and its panels, row by row, with time below."""
+    """Return a figure and its panels, row by row, with time below."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH_IN, height_in or 1.4 + 1.8 * rows), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False, sharex=share_time and rows > 1)
-    figure.suptitle(title)
     for axis in axes[-1] if share_time else axes.flat:
         axis.set_xlabel("time [s]")
     figure.align_ylabels()

@@ -1,7 +1,7 @@
 """One flight of the study: a scenario, the compiled closed loop, and what it left behind."""
 
 from dataclasses import dataclass, field
-from math import inf, isfinite
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -50,15 +50,15 @@ class Filters:
 
     load_mass_kg: float
     """As the filters assume it."""
-    ekf_P0: tuple[float, ...]
+    ekf_initial_var: tuple[float, ...]
     """7 variances."""
-    ekf_Q: tuple[float, ...]
+    ekf_process_noise: tuple[float, ...]
     """7 densities."""
-    ekf_R: float
+    ekf_measurement_noise: float
     ekf_scheme: int
     """-1: Runge-Kutta of mean and covariance, else a `swingd.core.swing_ekf.Scheme`."""
-    fgdf_E0: tuple[float, float, float, float]
-    fgdf_R: float
+    fgdf_initial_var: tuple[float, float, float, float]
+    fgdf_angle_var: float
     fgdf_fading: float
     every: int
     """Steps of the plant between two of the filters'."""
@@ -230,12 +230,12 @@ def _packed(scenario: Scenario, law: LawSettings) -> FloatArray:
         FlightParam.FILTER_MASS: vehicle.mass_kg,
         FlightParam.FILTER_LOAD_MASS: filters.load_mass_kg,
         FlightParam.FILTER_LENGTH: vehicle.cable_length_m,
-        FlightParam.EKF_P0: filters.ekf_P0,
-        FlightParam.EKF_Q: filters.ekf_Q,
-        FlightParam.EKF_R: filters.ekf_R,
+        FlightParam.EKF_P0: filters.ekf_initial_var,
+        FlightParam.EKF_Q: filters.ekf_process_noise,
+        FlightParam.EKF_R: filters.ekf_measurement_noise,
         FlightParam.EKF_SCHEME: filters.ekf_scheme,
-        FlightParam.FGDF_E0: filters.fgdf_E0,
-        FlightParam.FGDF_R: filters.fgdf_R,
+        FlightParam.FGDF_E0: filters.fgdf_initial_var,
+        FlightParam.FGDF_R: filters.fgdf_angle_var,
         FlightParam.FGDF_FADING: filters.fgdf_fading,
     }
     packed = np.full(FlightParam.SIZE, np.nan)

@@ -7,7 +7,7 @@ UNITS = {
     "d_bar": "m",
     "energy": "kJ",
     "chi_integral": "deg s",
-    "nu_integral": "deg/sqrt(s)",
+    "nu_integral": "deg/√s",
     "distance_to_go": "m",
 }
 """Of the indices, in the order of the tables; the last one is not the paper's."""

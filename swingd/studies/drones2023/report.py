@@ -11,7 +11,9 @@ from swingd.studies.drones2023.cases import VARIANTS
 from swingd.studies.drones2023.indicators import SWING_NAMES
 from swingd.studies.drones2023.study import Figures
 
-LAW_NAMES = {"off": "none", "on": "(16) on EKF", "fgdf": "(16) on FGDF", "default": "default law"}
+LAW_NAMES = {"off": "none", "on": "(16) EKF", "fgdf": "(16) FGDF", "default": "default"}
+RMSE_TITLE = "Filters without payload controller, against the truth and against the potentiometer's readings"
+FORCE_TITLE = "Disturbance force of case 2 with payload controller"
 _RMSE_COLUMNS = ("ekf", "fgdf", "ekf_potentiometer", "fgdf_potentiometer")
 
 
@@ -41,7 +43,7 @@ def rows(mean: Figures, spread: Figures) -> Iterator[Row]:
         for index, unit in paper.UNITS.items():
             for law in VARIANTS[case]:
                 ours = mean[f"{case}/{law}"][index]
-                if isnan(ours):
+                if isnan(ours) or (index == "distance_to_go" and case != "case3"):
                     continue
                 theirs = printed.get(law, {}).get(index, nan)
                 changes, off = f"{case}/{law}/change_percent", law == "off"
@@ -76,55 +78,60 @@ def write_markdown(path: Path, table: Sequence[Row], mean: Figures, seeds: int) 
     lines = [f"# Drones 2023, 7, 654, recomputed ({seeds} seed{'s' if seeds > 1 else ''})", ""]
     for case in paper.VALUES:
         lines += [f"## {case}", ""]
-        lines += _markdown(HEADINGS, [cells(row, seeds) for row in table if row.case == case])
+        lines += _markdown(*case_table(case, table, seeds))
         lines.append("")
-    lines += ["## RMSE of the filters without payload controller", ""]
-    lines += _markdown(RMSE_HEADINGS, list(rmse_cells(mean)))
-    lines += ["", "## Disturbance force in case 2 with payload controller", ""]
-    lines += _markdown(FORCE_HEADINGS, list(force_cells(mean)))
+    lines += [f"## {RMSE_TITLE}", ""]
+    lines += _markdown(*rmse_table(mean))
+    lines += ["", f"## {FORCE_TITLE}", ""]
+    lines += _markdown(*force_table(mean))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-HEADINGS = ("index", "law", "paper", "ours", "paper's change", "our change", "difference")
+Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
+"""Headings and rows, as text."""
 
 
-def cells(row: Row, seeds: int) -> tuple[str, ...]:
-    """Return one row as text, in the order of `HEADINGS`."""
-    spread = f" ± {_number(row.ours_std, 3)}" if seeds > 1 else ""
-    change_spread = f" ± {row.change_percent_std:.1f}" if seeds > 1 and not isnan(row.change_percent) else ""
-    difference = "" if isnan(row.difference) else f"{row.difference:+.1f} {'%' if row.law == 'none' else 'points'}"
-    return (
-        f"{row.index} [{row.unit}]",
-        row.law,
-        _number(row.paper, 5),
-        _number(row.ours, 4) + spread,
-        _percent(row.paper_change_percent),
-        _percent(row.change_percent) + change_spread,
-        difference,
-    )
+def case_table(case: str, table: Sequence[Row], seeds: int) -> Table:
+    """Build one case's table: without law, and every law's change; each with the paper's figure where it prints one."""
+    laws = [LAW_NAMES[law] for law in VARIANTS[case] if law != "off"]
+    printed = [name for name in laws if any(row.law == name and row.paper == row.paper for row in table)]
+    headings = ["index", "no law", "paper"]
+    for name in laws:
+        headings += [name, "paper"] if name in printed else [name]
+    body = []
+    for index, unit in paper.UNITS.items():
+        found = {row.law: row for row in table if row.case == case and row.index == index}
+        if not found:
+            continue
+        off = found[LAW_NAMES["off"]]
+        cells = [f"{index} [{unit}]", _spread(_number(off.ours, 4), off.ours_std, seeds), _number(off.paper, 5)]
+        for name in laws:
+            row = found[name]
+            cells.append(_spread(_percent(row.change_percent), row.change_percent_std, seeds))
+            if name in printed:
+                cells.append(_percent(row.paper_change_percent))
+        body.append(tuple(cells))
+    return tuple(headings), body
 
 
-RMSE_HEADINGS = ("case", "quantity", "EKF", "FGDF", "EKF to potentiometer", "FGDF to potentiometer")
-
-
-def rmse_cells(mean: Figures) -> Iterator[tuple[str, ...]]:
-    """Yield the filters' errors as text."""
+def rmse_table(mean: Figures) -> Table:
+    """Build the table of the filters' errors."""
+    body = []
     for case in VARIANTS:
         for name in SWING_NAMES:
             errors = (mean.get(f"{case}/rmse/{column}", {}).get(name, nan) for column in _RMSE_COLUMNS)
             quantity, unit = name.split("_deg")
-            yield (case, f"{quantity} [deg{'/s' if unit else ''}]", *(_number(error, 3) for error in errors))
+            quantity = f"{quantity} [deg{'/s' if unit else ''}]"
+            body.append((case, quantity, *(_number(error, 3) for error in errors)))
+    return ("case", "RMSE of", "EKF", "FGDF", "EKF, read", "FGDF, read"), body
 
 
-FORCE_HEADINGS = ("axis", "true, RMS [N]", "error, RMSE [N]", "true, 20 to 30 s [N]", "estimated, 20 to 30 s [N]")
-
-
-def force_cells(mean: Figures) -> Iterator[tuple[str, ...]]:
-    """Yield the disturbance's figures as text."""
+def force_table(mean: Figures) -> Table:
+    """Build the table of the estimated disturbance, case 2 with the payload controller."""
     force = mean["case2/force"]
-    for axis in "xyz":
-        names = ("true_rms", "rmse", "steady_true", "steady_estimated")
-        yield (axis, *(f"{force[f'{name}_{axis}']:.2f}" for name in names))
+    names = ("true_rms", "rmse", "steady_true", "steady_estimated")
+    body = [(axis, *(f"{force[f'{name}_{axis}']:.2f}" for name in names)) for axis in "xyz"]
+    return ("axis", "true RMS [N]", "RMSE [N]", "true mean, 20-30 s", "estimated mean"), body
 
 
 def _markdown(headings: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
@@ -139,5 +146,9 @@ def _number(value: float, digits: int) -> str:
     return "" if isnan(value) else f"{value:.{digits}g}"
 
 
+def _spread(text: str, deviation: float, seeds: int) -> str:
+    return f"{text} ± {deviation:.2g}" if seeds > 1 and text else text
+
+
 def _percent(value: float) -> str:
-    return "" if isnan(value) else f"{value:+.1f} %"
+    return "" if isnan(value) else f"{value:+.1f}%"

@@ -66,9 +66,7 @@ def judge(flights: Flights, seed: int) -> Figures:
                     index: 100.0 * (on[index] / off[index] - 1.0) for index in off
                 }
     figures["case2/force"] = disturbance(flights["case2", "on"])
-    figures["case1/settled"] = {
-        variant: settled_after_s(flights["case1", variant]) for variant in VARIANTS["case1"]
-    }
+    figures["case1/settled"] = {variant: settled_after_s(flights["case1", variant]) for variant in VARIANTS["case1"]}
     return figures
 
 
@@ -106,9 +104,7 @@ def mean_and_spread(repeated: list[Figures]) -> tuple[Figures, Figures]:
     for group, values in repeated[0].items():
         columns = {index: [figures[group][index] for figures in repeated] for index in values}
         mean[group] = {index: fmean(column) for index, column in columns.items()}
-        spread[group] = {
-            index: stdev(column) if len(column) > 1 else 0.0 for index, column in columns.items()
-        }
+        spread[group] = {index: stdev(column) if len(column) > 1 else 0.0 for index, column in columns.items()}
     return mean, spread
 
 

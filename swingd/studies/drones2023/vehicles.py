@@ -115,10 +115,7 @@ class Vehicle:
     def allocation(self) -> FloatArray:
         """Return each rotor's thrust per total thrust and per moment: the pseudo-inverse of what they do, (n, 4)."""
         effect = np.array(
-            [
-                [1.0, -r.place_frd_m[1], r.place_frd_m[0], r.spin * r.torque_nm_s2 / r.thrust_n_s2]
-                for r in self.rotors
-            ]
+            [[1.0, -r.place_frd_m[1], r.place_frd_m[0], r.spin * r.torque_nm_s2 / r.thrust_n_s2] for r in self.rotors]
         ).T
         return np.ascontiguousarray(np.linalg.pinv(effect))
 
@@ -186,7 +183,7 @@ class Autopilot:
 def _octarotor() -> Vehicle:
     """Table 1; stations are measured aft, waterlines up, from a point 0.15 m above the CG."""
     arm, upper_m, lower_m = 0.690, -(-0.024 + 0.150), -(-0.238 + 0.150)
-    # Front right, front left, rear left, rear right; neighbours turn against each other, a lower rotor against its upper.
+    # Front right, front left, rear left, rear right; neighbours turn against each other, lower rotors against upper.
     places = ((arm, arm, 1), (arm, -arm, -1), (-arm, -arm, 1), (-arm, arm, -1))
     rotors = [RotorUnit((x, y, upper_m), spin, 2.90e-3, 1.25e-4) for x, y, spin in places]
     rotors += [RotorUnit((x, y, lower_m), -spin, 2.20e-3, 1.25e-4) for x, y, spin in places]
