@@ -107,14 +107,16 @@ def draw(
 
     if suffix not in SUFFIXES:
         raise StudyError(f"picture suffix {suffix!r}: expected one of {', '.join(SUFFIXES)}")
+    # All are composed before the first is written: a missing flight leaves no half a set.
+    drawn = list(figures(flights))
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     with mpl.rc_context(STYLE):
-        for number, figure in figures(flights):
+        for number, figure in drawn:
             path = folder / f"figure{number:02d}.{suffix}"
             figure.savefig(path, metadata={"Date": None} if suffix == "svg" else None)
             paths.append(path)
-            watch(len(paths) / len(_FIGURES))
+            watch(len(paths) / len(drawn))
     return paths
 
 
