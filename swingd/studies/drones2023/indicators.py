@@ -1,6 +1,6 @@
 """Indicators of a flight: (17) to (21), and the errors of both filters."""
 
-from math import degrees, nan, sqrt
+from math import degrees, sqrt
 
 import numpy as np
 
@@ -24,23 +24,24 @@ def indicators(flight: Flight) -> dict[str, float]:
     dict
         ``t_m`` [s], ``chi_bar`` [deg] (18), ``nu_bar`` [deg/s] (19), ``d_bar`` [m] (20), ``energy`` [kJ] (21),
         ``chi_integral`` [deg s], ``nu_integral`` [deg/sqrt(s)], and ``distance_to_go`` [m], the mean distance in space
-        from the position that is wanted. Distances are nan where velocities are commanded.
+        from the position that is wanted. Distances are left out where velocities are commanded.
     """
     t_m = flight.duration_s
     chi, nu = np.degrees(flight.column(FlightLog.CHI)), np.degrees(flight.column(FlightLog.CHI_RATE))
     chi_integral, nu2_integral = _integral(flight, chi), _integral(flight, nu * nu)
-    by_velocity = flight.scenario.by_velocity
-    to_go = np.linalg.norm(flight.column(FlightLog.POS, 3) - flight.column(FlightLog.REFERENCE, 3), axis=1)
-    return {
+    figures = {
         "t_m": t_m,
         "chi_bar": chi_integral / t_m,
         "nu_bar": sqrt(nu2_integral / t_m),
-        "d_bar": nan if by_velocity else _integral(flight, track_distance_m(flight)) / t_m,
         "energy": float(flight.log[-1, FlightLog.ENERGY]) / 1e3,
         "chi_integral": chi_integral,
         "nu_integral": sqrt(nu2_integral),
-        "distance_to_go": nan if by_velocity else _integral(flight, to_go) / t_m,
     }
+    if not flight.scenario.by_velocity:
+        to_go = np.linalg.norm(flight.column(FlightLog.POS, 3) - flight.column(FlightLog.REFERENCE, 3), axis=1)
+        figures["d_bar"] = _integral(flight, track_distance_m(flight)) / t_m
+        figures["distance_to_go"] = _integral(flight, to_go) / t_m
+    return figures
 
 
 def track_distance_m(flight: Flight) -> FloatArray:

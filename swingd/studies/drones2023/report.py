@@ -42,9 +42,9 @@ def rows(mean: Figures, spread: Figures) -> Iterator[Row]:
     for case, printed in paper.VALUES.items():
         for index, unit in paper.UNITS.items():
             for law in VARIANTS[case]:
-                ours = mean[f"{case}/{law}"][index]
-                if isnan(ours) or (index == "distance_to_go" and case != "case3"):
+                if index not in mean[f"{case}/{law}"] or (index == "distance_to_go" and case != "case3"):
                     continue
+                ours = mean[f"{case}/{law}"][index]
                 theirs = printed.get(law, {}).get(index, nan)
                 changes, off = f"{case}/{law}/change_percent", law == "off"
                 change = nan if off else mean[changes][index]

@@ -148,10 +148,9 @@ def _put(
     seeds: int,
     printed: Mapping[str, float],
 ) -> None:
-    value = mean[group][index]
-    if value != value:
+    if index not in mean[group]:
         return
-    row[name] = value
+    row[name] = mean[group][index]
     if seeds > 1:
         row[f"{name}_std"] = spread[group][index]
     if index in printed:
