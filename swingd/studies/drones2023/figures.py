@@ -227,7 +227,10 @@ def _trajectory(flights: Flights) -> "Figure":
     for number, place in enumerate(way, start=1):
         names.setdefault(tuple(place), []).append(str(number))
     # Plan: east over north. Elevation as an observer in the west sees it: north to the right, up.
-    for axis, across, up, up_sign in ((plan, 1, 0, 1.0), (side, 0, 2, -1.0)):
+    for axis, across, up, up_sign, label_at, align in (
+        (plan, 1, 0, 1.0, (9, 8), "left"),
+        (side, 0, 2, -1.0, (0, -20), "center"),
+    ):
         axis.plot(way[:, across], up_sign * way[:, up], **GUIDE, label="between waypoints")
         axis.plot(pos[:, across], up_sign * pos[:, up], **FLOWN)
         seen: dict[tuple[float, float], list[str]] = {}
@@ -236,8 +239,8 @@ def _trajectory(flights: Flights) -> "Figure":
         for centre, numbers in seen.items():
             axis.add_patch(Circle(centre, scenario.accept_radius_m, fill=False, color=color))
             axis.annotate(
-                f"WP {', '.join(numbers)}", centre, xytext=(8, 8), textcoords="offset points", fontsize=8.5,
-                color=color, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5},
+                f"WP {', '.join(numbers)}", centre, xytext=label_at, textcoords="offset points", fontsize=8.5,
+                color=color, ha=align,
             )  # fmt: skip
         axis.plot(
             [], [], "o", color=color, markerfacecolor="none", markersize=9,
