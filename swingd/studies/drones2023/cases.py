@@ -77,7 +77,7 @@ OCTAROTOR_FILTERS = Filters(
     fgdf_initial_var=(1e-7, 1e-7, 1e-7, 1e-7),
     fgdf_angle_var=2.465e-4,
     fgdf_fading=0.998,
-    every=2,
+    every=2,  # 250 Hz
 )
 X500_FILTERS = Filters(
     load_mass_kg=X500.load_mass_kg,
@@ -88,7 +88,7 @@ X500_FILTERS = Filters(
     fgdf_initial_var=(2.2e-5, 2.2e-5, 1.3e-4, 1.3e-4),
     fgdf_angle_var=2.465e-4,
     fgdf_fading=0.996,
-    every=4,
+    every=5,  # 100 Hz
 )
 
 WAYPOINTS_NED_M = (
@@ -112,6 +112,7 @@ CASE_1 = Scenario(
     references=((0.0, 0.0, 0.0, -30.0),),
     by_velocity=False,
     duration_max_s=120.0,
+    control_every=2,  # 250 Hz
     swing_rad=(radians(20.0), radians(20.0)),
     stop_distance_m=0.1,
     stop_chi_rad=radians(1.0),
@@ -192,6 +193,7 @@ MANOEUVRE_1 = Scenario(
     references=_velocities(radians(90.0), (0.0, 0.0), (10.0, 3.0), (20.0, 0.0), (32.0, -3.0), (42.0, 0.0)),
     by_velocity=True,
     duration_max_s=55.0,
+    control_every=1,  # 500 Hz, of which both the filters' 100 Hz and the potentiometer's 20 Hz are parts
     wind=_X500_WIND,
 )
 """3 m/s to the right, hover, 3 m/s to the left."""

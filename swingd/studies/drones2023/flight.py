@@ -22,9 +22,6 @@ from swingd.studies.drones2023.vehicles import Autopilot, Vehicle
 
 DT_S = 0.002
 """Step of the plant: Runge-Kutta at 500 Hz."""
-CONTROL_EVERY = 2
-"""Sensors and autopilot run at 250 Hz."""
-
 
 class StudyError(SwingdError):
     """A flight of a study failed; the text says which and how."""
@@ -61,7 +58,7 @@ class Filters:
     fgdf_angle_var: float
     fgdf_fading: float
     every: int
-    """Steps of the plant between two of the filters'."""
+    """Steps of the plant between two of the filters', a multiple of the autopilot's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +107,8 @@ class Scenario:
     """Time [s], position [m] or velocity [m/s]."""
     by_velocity: bool
     duration_max_s: float
+    control_every: int
+    """Steps of the plant between two of the autopilot's."""
     yaw_rad: float = 0.0
     swing_rad: tuple[float, float] = (0.0, 0.0)
     """xi, zeta at the start."""
@@ -119,7 +118,6 @@ class Scenario:
     stop_chi_rad: float = 0.0
     stop_for_s: float = inf
     stop_after_s: float = 0.0
-    warm_up_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,10 +161,10 @@ def run(scenario: Scenario, law: LawSettings, seed: int) -> Flight:
     StudyError
         If a filter or the plant diverges.
     """
-    samples = round(scenario.duration_max_s / (DT_S * CONTROL_EVERY)) + 1
+    samples = round(scenario.duration_max_s / (DT_S * scenario.control_every)) + 1
     sensors_seed, gusts_seed = np.random.SeedSequence(seed).spawn(2)
     noise = np.random.default_rng(sensors_seed).standard_normal((samples, NOISE_PER_SAMPLE))
-    gusts = samples * CONTROL_EVERY if scenario.wind.at_6m_mps > 0.0 else 1
+    gusts = samples * scenario.control_every if scenario.wind.at_6m_mps > 0.0 else 1
     white = np.random.default_rng(gusts_seed).standard_normal((gusts, WHITE_PER_STEP))
     log = np.empty((samples, FlightLog.SIZE))
     vehicle = scenario.vehicle
@@ -194,7 +192,7 @@ def _packed(scenario: Scenario, law: LawSettings) -> FloatArray:
     s, filters, wind, vehicle = scenario.sensors, scenario.filters, scenario.wind, scenario.vehicle
     values: dict[FlightParam, Any] = {
         FlightParam.DT: DT_S,
-        FlightParam.CONTROL_EVERY: CONTROL_EVERY,
+        FlightParam.CONTROL_EVERY: scenario.control_every,
         FlightParam.FILTER_EVERY: filters.every,
         FlightParam.YAW: scenario.yaw_rad,
         FlightParam.BY_VELOCITY: scenario.by_velocity,

@@ -6,7 +6,7 @@ import numpy as np
 
 from swingd.core.slung_flight import FlightLog
 from swingd.model.estimate import FloatArray
-from swingd.studies.drones2023.flight import CONTROL_EVERY, DT_S, Flight
+from swingd.studies.drones2023.flight import DT_S, Flight
 
 RATE_HZ = 20.0
 NOISE_RAD = np.radians(0.3)
@@ -37,7 +37,7 @@ def readings(flight: Flight, seed: int) -> Readings:
     seed : int
         Of the potentiometer's noise, >= 0.
     """
-    every = round(1.0 / (RATE_HZ * DT_S * CONTROL_EVERY))
+    every = round(1.0 / (RATE_HZ * DT_S * flight.scenario.control_every))
     t_s = flight.t_s[::every]
     xi, zeta = flight.column(FlightLog.SWING, 2)[::every].T
     level = np.array([np.sin(zeta), -np.sin(xi) * np.cos(zeta), np.cos(xi) * np.cos(zeta)])
