@@ -165,8 +165,8 @@ def test_trajectory_passes_the_waypoints_in_plan_and_elevation(flights, drawn):
     circles = [patch for patch in plan.patches if isinstance(patch, Circle)]
     assert {tuple(circle.center): text.get_text() for circle, text in zip(circles, plan.texts, strict=True)} == table_4
     assert {circle.radius for circle in circles} == {1.5}
-    seen_from_the_west = {(0, 30): "WP 1, 7", (10, 50): "WP 2, 6", (20, 50): "WP 3, 4", (30, 50): "WP 5"}
-    assert {tuple(text.xy): text.get_text() for text in elevation.texts} == seen_from_the_west
+    seen_from_the_east = {(0, 30): "WP 1, 7", (10, 50): "WP 2, 6", (20, 50): "WP 3, 4", (30, 50): "WP 5"}
+    assert {tuple(text.xy): text.get_text() for text in elevation.texts} == seen_from_the_east
 
 
 def test_wind_is_shown_in_metres_and_degrees_per_second(flights, drawn):

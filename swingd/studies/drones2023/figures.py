@@ -226,10 +226,10 @@ def _trajectory(flights: Flights) -> "Figure":
     names: dict[tuple[float, ...], list[str]] = {}
     for number, place in enumerate(way, start=1):
         names.setdefault(tuple(place), []).append(str(number))
-    # Plan: east over north. Elevation as an observer in the west sees it: north to the right, up.
-    for axis, across, up, up_sign, label_at, align in (
-        (plan, 1, 0, 1.0, (9, 8), "left"),
-        (side, 0, 2, -1.0, (0, -20), "center"),
+    # Plan: east over north. Elevation as an observer in the east sees it: north to the right.
+    for axis, across, up, up_sign, label_at in (
+        (plan, 1, 0, 1.0, (9, 8)),
+        (side, 0, 2, -1.0, (9, -16)),
     ):
         axis.plot(way[:, across], up_sign * way[:, up], **GUIDE, label="between waypoints")
         axis.plot(pos[:, across], up_sign * pos[:, up], **FLOWN)
@@ -240,12 +240,13 @@ def _trajectory(flights: Flights) -> "Figure":
             axis.add_patch(Circle(centre, scenario.accept_radius_m, fill=False, color=color))
             axis.annotate(
                 f"WP {', '.join(numbers)}", centre, xytext=label_at, textcoords="offset points", fontsize=8.5,
-                color=color, ha=align,
+                color=color,
             )  # fmt: skip
         axis.plot(
             [], [], "o", color=color, markerfacecolor="none", markersize=9,
             label=f"waypoint, within {scenario.accept_radius_m:g} m",
         )  # fmt: skip
+        axis.margins(0.12)
         axis.set_aspect("equal", adjustable="datalim")
     plan.set(title="a) plan", xlabel="east [m]", ylabel="north [m]")
     side.set(title="b) elevation", xlabel="north [m]", ylabel="altitude [m]")
