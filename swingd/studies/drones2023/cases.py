@@ -29,13 +29,13 @@ OCTAROTOR_AUTOPILOT = Autopilot(
     speed_up_max_mps=3.0,
     speed_down_max_mps=1.0,
     tilt_max_rad=radians(45.0),
-    att_p_tilt=5.5,
+    att_p_tilt=5.0,
     att_p_yaw=2.0,
     rate_max_radps=radians(220.0),
-    rate_p_tilt=9.0,
+    rate_p_tilt=16.0,
     rate_p_yaw=4.0,
     rate_i=8.0,
-    rate_d_tilt=0.3,
+    rate_d_tilt=0.8,
     rate_d_lag_s=0.01,
 )
 """Tuned on the flights without payload controller, and left alone since."""
