@@ -21,6 +21,7 @@ import swingd
 from .flight import bench_engine, bench_frame, bench_lockstep, bench_replay, fly
 from .forwarding import bench_forwarding, bench_start, plan
 from .parts import bench_codec, bench_filter
+from .study import bench_study
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,6 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results += [*bench_engine(flight), bench_lockstep(flight), *bench_frame(flight)]
     with tempfile.TemporaryDirectory() as folder:
         results.append(bench_replay(flight, Path(folder)))
+    results += bench_study(10.0 if quick else 40.0)
     results.append(bench_start())
     hover = plan(flight.received, *((0.5, 1.0, 0.5) if quick else (1.0, 4.0, 2.0)))
     results += bench_forwarding(hover, *(((0, 1), 1) if quick else ((0, 1, 4), 3)))
