@@ -153,7 +153,7 @@ CASE_3 = replace(
 )
 """Seven waypoints in 8 m/s of wind and Von Karman turbulence."""
 
-_FROM_NE_MPS = 7.0
+_FROM_NE_MPS = 8.0
 _X500_WIND = Wind(
     steady_ned_mps=(-_FROM_NE_MPS * cos(radians(30.0)), -_FROM_NE_MPS * sin(radians(30.0)), 0.0),
     at_6m_mps=2.0,
