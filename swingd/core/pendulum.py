@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swingd.core._jit import F8, VEC, VOID, kernel
+from swingd.core._jit import F8, MAT, VEC, VOID, kernel
 
 
 @kernel(VOID(VEC, VEC, F8, F8, F8, F8))
@@ -36,3 +36,22 @@ def step(x, acc_level, dt_s, stiffness_per_s2, damping_ratio, inv_length_per_m):
         angle, rate = x[i] - rest, x[2 + i]
         x[i] = rest + angle * c + (rate + decay * angle) / damped * s
         x[2 + i] = rate * c - (omega * omega * angle + decay * rate) / damped * s
+
+
+@kernel(VOID(MAT, MAT, F8, F8, F8, F8))
+def trajectory(swing_out, acc_level, dt_s, stiffness_per_s2, damping_ratio, inv_length_per_m):
+    """Let the load swing from rest below a whole record of accelerations.
+
+    Parameters
+    ----------
+    swing_out : (n, 4), written
+        State at each sample; the first is at rest.
+    acc_level : (n, >= 2)
+        Acceleration of the hook from each sample to the next [m/s^2].
+    dt_s, stiffness_per_s2, damping_ratio, inv_length_per_m : float
+        As for `step`.
+    """
+    x = np.zeros(4)
+    for row in range(swing_out.shape[0]):
+        swing_out[row] = x
+        step(x, acc_level[row], dt_s, stiffness_per_s2, damping_ratio, inv_length_per_m)

@@ -11,7 +11,8 @@ from math import pi, sqrt
 from swingd.core._jit import F8, VEC, VOID, kernel
 
 INFLOW_ITERATIONS_MAX = 30
-INFLOW_TOLERANCE_MPS = 1e-9
+INFLOW_TOLERANCE_MPS = 1e-5
+"""Of Newton's last step; what it leaves goes with the step's square, 1e-11 m/s."""
 
 # Offsets into the blade's description.
 BLADES = 0

@@ -158,7 +158,9 @@ class FlightLog(IntEnum):
     """ned, 3."""
     EULER_MEASURED = 51
     """3"""
-    SIZE = 54
+    ACC = 54
+    """What the filters took last: measured inertial acceleration, heading frame, 3 [m/s^2]."""
+    SIZE = 57
 
 
 _S = MultirotorState
@@ -471,6 +473,7 @@ def fly(log, x, p, rotors, allocation, cascade, f, references, noise, white):
             log[row, _L.REFERENCE + j] = references[leg, 1 + j]
             log[row, _L.WIND + j] = u[_U.WIND + j]
             log[row, _L.EULER_MEASURED + j] = sample[_I.EULER + j]
+            log[row, _L.ACC + j] = z[j]
         log[row, _L.EULER], log[row, _L.EULER + 1], log[row, _L.EULER + 2] = roll, pitch, yaw
         log[row, _L.CHI], log[row, _L.CHI_RATE] = chi, chi_rate
         for j in range(4):

@@ -23,6 +23,7 @@ from swingd.studies.drones2023.vehicles import Autopilot, Vehicle
 DT_S = 0.002
 """Step of the plant: Runge-Kutta at 500 Hz."""
 
+
 class StudyError(SwingdError):
     """A flight of a study failed; the text says which and how."""
 

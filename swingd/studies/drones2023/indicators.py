@@ -4,12 +4,16 @@ from math import degrees, sqrt
 
 import numpy as np
 
+from swingd.core import pendulum
+from swingd.core.constants import GRAVITY_MPS2
 from swingd.core.slung_flight import FlightLog
 from swingd.model.estimate import FloatArray
-from swingd.studies.drones2023.flight import Flight
+from swingd.studies.drones2023.flight import DT_S, Flight
 from swingd.studies.drones2023.potentiometer import readings
 
 SWING_NAMES = ("xi_deg", "zeta_deg", "xi_rate_deg_s", "zeta_rate_deg_s")
+PENDULUM_DAMPING = 0.02
+"""Natural damping ratio of the open-loop pendulum."""
 SETTLED_DEG = 1.4
 """5 % of the 28 deg with which case 1 begins."""
 STEADY_S = (20.0, 30.0)
@@ -58,16 +62,20 @@ def track_distance_m(flight: Flight) -> FloatArray:
 
 
 def filter_errors(flight: Flight, seed: int) -> dict[str, dict[str, float]]:
-    """Compute the RMSE of both filters' angles [deg] and rates [deg/s].
+    """Compute the RMSE of the angles [deg] and rates [deg/s] of both filters and of the open-loop pendulum.
 
     Returns
     -------
     dict
-        ``ekf`` and ``fgdf`` against the truth; for the manoeuvres of section 4.2 also ``ekf_potentiometer`` and
-        ``fgdf_potentiometer`` against the readings at 20 Hz. Values by `SWING_NAMES`.
+        ``ekf``, ``fgdf`` and ``pendulum`` against the truth; for the manoeuvres of section 4.2 also
+        ``ekf_potentiometer`` and so on, against the readings at 20 Hz. Values by `SWING_NAMES`.
     """
     truth = flight.column(FlightLog.SWING, 4)
-    filters = {"ekf": flight.column(FlightLog.EKF, 4), "fgdf": flight.column(FlightLog.FGDF, 4)}
+    filters = {
+        "ekf": flight.column(FlightLog.EKF, 4),
+        "fgdf": flight.column(FlightLog.FGDF, 4),
+        "pendulum": open_loop_pendulum(flight),
+    }
     errors = {name: _rmse(estimate - truth) for name, estimate in filters.items()}
     if flight.scenario.name.startswith("manoeuvre"):
         read = readings(flight, seed)
@@ -75,6 +83,16 @@ def filter_errors(flight: Flight, seed: int) -> dict[str, dict[str, float]]:
         measured = np.concatenate([read.angle_rad, read.rate_radps]).T
         errors |= {f"{name}_potentiometer": _rmse(estimate[rows] - measured) for name, estimate in filters.items()}
     return errors
+
+
+def open_loop_pendulum(flight: Flight) -> FloatArray:
+    """Let a pendulum swing below the measured acceleration, from rest: the honest baseline of both filters, (n, 4)."""
+    length_m = flight.scenario.vehicle.cable_length_m
+    dt_s = DT_S * flight.scenario.control_every
+    swing = np.empty((flight.log.shape[0], 4))
+    acc = np.ascontiguousarray(flight.column(FlightLog.ACC, 3))
+    pendulum.trajectory(swing, acc, dt_s, GRAVITY_MPS2 / length_m, PENDULUM_DAMPING, 1.0 / length_m)
+    return swing
 
 
 def disturbance(flight: Flight) -> dict[str, float]:

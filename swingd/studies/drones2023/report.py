@@ -14,7 +14,7 @@ from swingd.studies.drones2023.study import Figures
 LAW_NAMES = {"off": "none", "on": "(16) EKF", "fgdf": "(16) FGDF", "default": "default"}
 RMSE_TITLE = "Filters without payload controller, against the truth and against the potentiometer's readings"
 FORCE_TITLE = "Disturbance force of case 2 with payload controller"
-_RMSE_COLUMNS = ("ekf", "fgdf", "ekf_potentiometer", "fgdf_potentiometer")
+_RMSE_COLUMNS = ("ekf", "fgdf", "pendulum", "ekf_potentiometer", "fgdf_potentiometer")
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ def rmse_table(mean: Figures) -> Table:
             quantity, unit = name.split("_deg")
             quantity = f"{quantity} [deg{'/s' if unit else ''}]"
             body.append((case, quantity, *(_number(error, 3) for error in errors)))
-    return ("case", "RMSE of", "EKF", "FGDF", "EKF, read", "FGDF, read"), body
+    return ("case", "RMSE of", "EKF", "FGDF", "pendulum", "EKF, read", "FGDF, read"), body
 
 
 def force_table(mean: Figures) -> Table:
