@@ -81,7 +81,7 @@ def test_induced_velocity_balances_the_elements_with_the_momentum(blade, axial, 
         return 2.0 * DENSITY * area * v * math.hypot(inplane, w) - thrust
 
     expected = brentq(excess, max(0.0, -axial), 60.0, xtol=1e-12)
-    assert induced(axial, inplane, blade=blade) == pytest.approx(expected, abs=1e-7)
+    assert induced(axial, inplane, blade=blade) == pytest.approx(expected, abs=2e-9)  # the kernel softens the root
 
 
 def test_hover_by_hand():
@@ -102,7 +102,7 @@ def test_climbing_takes_inflow_away_and_advancing_too():
 
 @pytest.mark.parametrize("guess", [-5.0, 0.0, 1.0, 10.0, 80.0])
 def test_the_guess_does_not_matter(guess):
-    assert induced(1.0, 7.0, guess=guess) == pytest.approx(induced(1.0, 7.0), abs=1e-8)
+    assert induced(1.0, 7.0, guess=guess) == pytest.approx(induced(1.0, 7.0), abs=1e-10)
 
 
 @pytest.mark.parametrize("omega", [0.0, 40.0, OMEGA])
