@@ -195,6 +195,15 @@ def test_wanted_rates_are_limited():
     np.testing.assert_allclose(moment[:2], INERTIA[:2] * 9.0 * (-0.05, 0.05), rtol=1e-9)
 
 
+def test_a_steady_angular_acceleration_is_braked_after_its_lag_in_roll_and_pitch():
+    cascade = Cascade(RATE_P_TILT=0.0, RATE_P_YAW=0.0, RATE_I=0.0)
+    acceleration, steps = 0.4, 60
+    for k in range(1, steps + 1):
+        _, moment = cascade.update(RATE=np.full(3, acceleration * k * DT_S))
+    assert steps * DT_S > 10.0 * GAINS.rate_d_lag_s
+    np.testing.assert_allclose(moment, INERTIA * (-0.3 * acceleration, -0.3 * acceleration, 0.0), rtol=1e-3, atol=1e-9)
+
+
 def test_a_turning_body_is_braked():
     for axis in range(3):
         rate = np.zeros(3)
