@@ -292,6 +292,28 @@ def test_without_errors_the_ekf_finds_the_swing_and_the_thrust():
     assert np.abs(flight.column(L.THRUST_ESTIMATED) / thrust - 1.0)[1:].max() < 0.05
 
 
+@JIT
+def test_thrust_is_what_acceleration_weight_and_disturbance_leave():
+    """(14) of the paper, with the inertial acceleration from the log's velocities and the disturbance of before."""
+    vehicle = replace(CALM.vehicle, imu_frd_m=(0.0, 0.0, 0.0))
+    eager = replace(
+        CALM.filters,
+        ekf_initial_var=(1e-6, 1e-6, 1e-6, 1e-6, 2.0, 2.0, 2.0),
+        ekf_process_noise=(1e-7, 1e-7, 1e-7, 1e-7, 20.0, 20.0, 20.0),
+    )
+    wind = Wind(steady_ned_mps=(-6.0, 3.0, 4.0))
+    scenario = replace(CALM, vehicle=vehicle, filters=eager, wind=wind, yaw_rad=0.7, swing_rad=(0.1, 0.1))
+    flight = run(scenario, OFF, 0)
+    north, east, down = np.gradient(flight.column(L.VEL, 3), SAMPLE_S, axis=0).T
+    yaw = flight.column(L.EULER, 3)[:, 2]
+    z = np.array([np.cos(yaw) * north + np.sin(yaw) * east, np.cos(yaw) * east - np.sin(yaw) * north, down])
+    disturbance = flight.column(L.EKF, 7)[:, 4:].T
+    assert np.abs(disturbance[2]).max() > 5.0
+    hanging = np.array([[0.0], [0.0], [(70.0 + 90.0) * GRAVITY_MPS2]])
+    expected = np.linalg.norm(70.0 * z[:, 1:] - hanging - disturbance[:, :-1], axis=0)
+    np.testing.assert_allclose(flight.column(L.THRUST_ESTIMATED)[100:], expected[99:], atol=0.5)
+
+
 def gusty(**changes):
     wind = Wind(steady_ned_mps=(-2.0, 1.0, 0.0), at_6m_mps=8.0, span_m=2.38)
     return run(replace(CALM, wind=replace(wind, **changes), duration_max_s=3.0), OFF, 5)
@@ -301,10 +323,12 @@ def gusty(**changes):
 def test_turbulence_blows_along_its_wind():
     """Turned by 90 deg its gusts come from there: what was north is east, what was east is south."""
     mean = np.array([-2.0, 1.0, 0.0])
-    gusts = gusty().column(L.WIND, 3) - mean
-    turned = gusty(to_rad=math.pi / 2).column(L.WIND, 3) - mean
-    assert gusts.std(axis=0).min() > 0.1
-    np.testing.assert_allclose(turned[:, [1, 0, 2]], gusts * (1.0, -1.0, 1.0), atol=0.02)
+    along_north, along_east = gusty(), gusty(to_rad=math.pi / 2)
+    for column, steady in ((L.WIND, mean), (L.GUST_RATE, np.zeros(3))):
+        gusts, turned = along_north.column(column, 3) - steady, along_east.column(column, 3) - steady
+        assert gusts.std(axis=0).min() > 1e-3
+        expected = gusts * (1.0, -1.0, 1.0)
+        np.testing.assert_allclose(turned[:, [1, 0, 2]], expected, atol=0.02 * np.abs(gusts).max())
     np.testing.assert_array_equal(gusty(at_6m_mps=0.0).column(L.WIND, 3) - mean, 0.0)
 
 
