@@ -371,11 +371,11 @@ def fly(log, x, p, rotors, allocation, cascade, f, references, noise, white):
         cable[4] -= yaw_rate * cable[0]
         swing_angles(swing, cable)
         chi = atan2(hypot(cable[0], cable[1]), cable[2])
-        cos_chi, sin_chi = cos(swing[0]) * cos(swing[1]), sin(chi)
+        sin_chi = sin(chi)
         chi_rate = hypot(swing[2], swing[3])
         if sin_chi > 1e-6:
             chi_rate = (sin(swing[0]) * cos(swing[1]) * swing[2] + cos(swing[0]) * sin(swing[1]) * swing[3]) / sin_chi
-        if not np.isfinite(cos_chi):
+        if not np.isfinite(chi):
             return -1
 
         # Sensors.
