@@ -343,6 +343,40 @@ def test_the_airs_rotation_does_not_depend_on_the_heading():
 
 
 @JIT
+@pytest.mark.parametrize("law", [PAYLOAD_CONTROLLER, PLACED], ids=lambda law: law.law.name.lower())
+@pytest.mark.parametrize("by_velocity", [False, True])
+def test_north_is_a_direction_like_any_other(law, by_velocity):
+    """Heading, references, wind and its gusts turned together: the same flight, turned."""
+    in_body = replace(CASE_1.sensors, pos_xy_m=0.0, pos_z_m=0.0, vel_xy_mps=0.0, vel_z_mps=0.0)
+
+    def turned(angle):
+        c, s = math.cos(angle), math.sin(angle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        places = [(0.0, 0.0, -30.0), (1.0, 0.5, -30.0)] if not by_velocity else [(2.0, 1.0, 0.0), (-1.0, 2.0, 0.2)]
+        scenario = replace(
+            CALM,
+            sensors=in_body,
+            by_velocity=by_velocity,
+            references=tuple((3.0 * k, *(turn @ place)) for k, place in enumerate(places)),
+            yaw_rad=0.3 + angle,
+            swing_rad=(0.1, -0.2),
+            wind=Wind(tuple(turn @ (-2.0, 1.0, 0.0)), at_6m_mps=8.0, to_rad=0.4 + angle, span_m=2.38),
+            duration_max_s=6.0,
+        )
+        return run(scenario, law, 1), turn
+
+    flight, _ = turned(0.0)
+    other, turn = turned(1.1)
+    for column, count in ((L.SWING, 4), (L.FORCE, 3), (L.EKF, 7), (L.FGDF, 4), (L.ENERGY, 4)):
+        one, two = flight.column(column, count), other.column(column, count)
+        np.testing.assert_allclose(two, one, atol=1e-6 * np.abs(one).max())
+    for column in (L.POS, L.VEL, L.WIND, L.GUST_RATE, L.ACC_VC, L.ACC_PC, L.REFERENCE):
+        one, two = flight.column(column, 3), other.column(column, 3)
+        np.testing.assert_allclose(two, one @ turn.T, atol=1e-6 * np.abs(one).max())
+    assert np.ptp(flight.column(L.LEG)) == (1 if by_velocity else 0)
+
+
+@JIT
 def test_a_flight_that_diverges_is_named():
     """The explicit scheme on a step far too long."""
     scenario = replace(CASE_1, filters=replace(CASE_1.filters, every=1000), duration_max_s=60.0)
