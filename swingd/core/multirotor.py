@@ -13,6 +13,7 @@ import numpy as np
 from swingd.core._jit import F8, MAT, VEC, VOID, kernel
 from swingd.core.atmosphere import air_density
 from swingd.core.constants import GRAVITY_MPS2
+from swingd.core.rotation import matrix, normalise, quaternion_rate
 from swingd.core.rotor import BLADE_SIZE, induced_velocity, inplane_loads
 
 
@@ -136,19 +137,7 @@ def multirotor_derivative(x_dot, y, inflow, x, u, p, rotors):
     p : (MultirotorParam.SIZE,)
     rotors : (n, Rotor.SIZE)
     """
-    qw, qx, qy, qz = x[_S.QUAT], x[_S.QUAT + 1], x[_S.QUAT + 2], x[_S.QUAT + 3]
-    scale = 1.0 / sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
-    qw, qx, qy, qz = qw * scale, qx * scale, qy * scale, qz * scale
-    # ned_from_frd
-    r00 = 1.0 - 2.0 * (qy * qy + qz * qz)
-    r01 = 2.0 * (qx * qy - qw * qz)
-    r02 = 2.0 * (qx * qz + qw * qy)
-    r10 = 2.0 * (qx * qy + qw * qz)
-    r11 = 1.0 - 2.0 * (qx * qx + qz * qz)
-    r12 = 2.0 * (qy * qz - qw * qx)
-    r20 = 2.0 * (qx * qz - qw * qy)
-    r21 = 2.0 * (qy * qz + qw * qx)
-    r22 = 1.0 - 2.0 * (qx * qx + qy * qy)
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = matrix(x[_S.QUAT], x[_S.QUAT + 1], x[_S.QUAT + 2], x[_S.QUAT + 3])
     vn, ve, vd = x[_S.VEL], x[_S.VEL + 1], x[_S.VEL + 2]
     wx, wy, wz = x[_S.RATE], x[_S.RATE + 1], x[_S.RATE + 2]
     mass = p[_P.MASS]
@@ -264,10 +253,7 @@ def multirotor_derivative(x_dot, y, inflow, x, u, p, rotors):
     an, ae, ad = fn / mass, fe / mass, fd / mass
     x_dot[_S.POS], x_dot[_S.POS + 1], x_dot[_S.POS + 2] = vn, ve, vd
     x_dot[_S.VEL], x_dot[_S.VEL + 1], x_dot[_S.VEL + 2] = an, ae, ad + GRAVITY_MPS2
-    x_dot[_S.QUAT] = 0.5 * (-qx * wx - qy * wy - qz * wz)
-    x_dot[_S.QUAT + 1] = 0.5 * (qw * wx + qy * wz - qz * wy)
-    x_dot[_S.QUAT + 2] = 0.5 * (qw * wy - qx * wz + qz * wx)
-    x_dot[_S.QUAT + 3] = 0.5 * (qw * wz + qx * wy - qy * wx)
+    quaternion_rate(x_dot[_S.QUAT : _S.QUAT + 4], x[_S.QUAT : _S.QUAT + 4], wx, wy, wz)
     x_dot[_S.RATE], x_dot[_S.RATE + 1], x_dot[_S.RATE + 2] = dwx, dwy, dwz
     x_dot[_S.LOAD_POS], x_dot[_S.LOAD_POS + 1], x_dot[_S.LOAD_POS + 2] = ln, le, ld
     x_dot[_S.LOAD_VEL] = ln_force / load_mass
@@ -316,7 +302,4 @@ def multirotor_step(x, x_dot, y, inflow, u, p, rotors, dt_s):
     multirotor_derivative(k, y_stage, inflow, trial, u, p, rotors)
     for i in range(size):
         x[i] = x_end[i] + dt_s / 6.0 * k[i]
-    q = x[_S.QUAT : _S.QUAT + 4]
-    norm = 1.0 / sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    for i in range(4):
-        q[i] *= norm
+    normalise(x[_S.QUAT : _S.QUAT + 4])

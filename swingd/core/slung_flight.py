@@ -248,43 +248,28 @@ def _payload_law(acc_out, push, swing, f, dt_s):
     _limit(push[6:8], f[_F.POS_MAX])
 
 
-@kernel(VOID(VEC, VEC, VEC, VEC, VEC, VEC, VEC, F8))
-def _blow(u, gust, gust_state, load_gust_state, x, white, f, origin_height_m):
-    """Set wind, gusts and their rotation for the next step; axes of the turbulence lie along its mean wind."""
-    dt_s = f[_F.DT]
+@kernel(VOID(VEC, VEC, VEC, VEC, F8, F8, F8, VEC))
+def _gust_ned(wind_out, gust, state, white, height_m, speed_mps, span_m, f):
+    """Advance one body's turbulence; its wind, steady part included, and the gust with its rotation turned into ned."""
+    turbulence_step(gust, state, white, height_m, speed_mps, f[_F.TURBULENCE_WIND], span_m, f[_F.DT])
     c, s = cos(f[_F.TURBULENCE_TO]), sin(f[_F.TURBULENCE_TO])
+    for j in (0, 3):
+        gust[j], gust[j + 1] = c * gust[j] - s * gust[j + 1], s * gust[j] + c * gust[j + 1]
+    for j in range(3):
+        wind_out[j] = f[_F.WIND + j] + gust[j]
+
+
+@kernel(VOID(VEC, VEC, VEC, VEC, VEC, VEC, VEC))
+def _blow(u, gust, gust_state, load_gust_state, x, white, f):
+    """Set wind, gusts and their rotation for the next step; the ned origin lies on the ground."""
     speed = sqrt(x[_S.VEL] ** 2 + x[_S.VEL + 1] ** 2 + x[_S.VEL + 2] ** 2) + f[_F.TURBULENCE_SPEED]
-    turbulence_step(
-        gust,
-        load_gust_state,
-        white[4:8],
-        origin_height_m - x[_S.LOAD_POS + 2],
-        speed,
-        f[_F.TURBULENCE_WIND],
-        f[_F.LOAD_SPAN],
-        dt_s,
-    )
-    u[_U.LOAD_WIND] = f[_F.WIND] + c * gust[0] - s * gust[1]
-    u[_U.LOAD_WIND + 1] = f[_F.WIND + 1] + s * gust[0] + c * gust[1]
-    u[_U.LOAD_WIND + 2] = f[_F.WIND + 2] + gust[2]
-    turbulence_step(
-        gust,
-        gust_state,
-        white[0:4],
-        origin_height_m - x[_S.POS + 2],
-        speed,
-        f[_F.TURBULENCE_WIND],
-        f[_F.SPAN],
-        dt_s,
-    )
-    u[_U.WIND] = f[_F.WIND] + c * gust[0] - s * gust[1]
-    u[_U.WIND + 1] = f[_F.WIND + 1] + s * gust[0] + c * gust[1]
-    u[_U.WIND + 2] = f[_F.WIND + 2] + gust[2]
-    # Rotation of the air, ned; the body stays nearly level, so that its yaw alone turns it.
-    p, q = c * gust[3] - s * gust[4], s * gust[3] + c * gust[4]
+    load_wind, wind = u[_U.LOAD_WIND : _U.LOAD_WIND + 3], u[_U.WIND : _U.WIND + 3]
+    _gust_ned(load_wind, gust, load_gust_state, white[4:8], -x[_S.LOAD_POS + 2], speed, f[_F.LOAD_SPAN], f)
+    _gust_ned(wind, gust, gust_state, white[0:4], -x[_S.POS + 2], speed, f[_F.SPAN], f)
+    # The body stays nearly level, so that its yaw alone turns the air's rotation into its axes.
     c, s = cos(f[_F.YAW]), sin(f[_F.YAW])
-    u[_U.GUST_RATE] = c * p + s * q
-    u[_U.GUST_RATE + 1] = c * q - s * p
+    u[_U.GUST_RATE] = c * gust[3] + s * gust[4]
+    u[_U.GUST_RATE + 1] = c * gust[4] - s * gust[3]
     u[_U.GUST_RATE + 2] = gust[5]
 
 
@@ -501,7 +486,7 @@ def fly(log, x, p, rotors, allocation, cascade, f, references, noise, white):
 
         for step in range(control_every):
             if f[_F.TURBULENCE_WIND] > 0.0:
-                _blow(u, gust, gust_state, load_gust_state, x, white[row * control_every + step], f, 0.0)
+                _blow(u, gust, gust_state, load_gust_state, x, white[row * control_every + step], f)
             multirotor_step(x, x_dot, y, inflow, u, p, rotors, dt_s)
             steps += 1
     return log.shape[0]

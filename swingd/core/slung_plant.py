@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swingd.core._jit import F8, I8, VEC, VOID, kernel
+from swingd.core.rotation import matrix, normalise, quaternion_rate
 
 Vector = NDArray[np.float64]
 
@@ -138,19 +139,7 @@ def slung_plant_derivative(x_dot: Vector, y: Vector, x: Vector, u: Vector, p: Ve
     p : (PlantParam.SIZE,)
         Parameters.
     """
-    qw, qx, qy, qz = x[_S.QUAT], x[_S.QUAT + 1], x[_S.QUAT + 2], x[_S.QUAT + 3]
-    n = 1.0 / sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
-    qw, qx, qy, qz = qw * n, qx * n, qy * n, qz * n
-    # ned_from_frd
-    r00 = 1.0 - 2.0 * (qy * qy + qz * qz)
-    r01 = 2.0 * (qx * qy - qw * qz)
-    r02 = 2.0 * (qx * qz + qw * qy)
-    r10 = 2.0 * (qx * qy + qw * qz)
-    r11 = 1.0 - 2.0 * (qx * qx + qz * qz)
-    r12 = 2.0 * (qy * qz - qw * qx)
-    r20 = 2.0 * (qx * qz - qw * qy)
-    r21 = 2.0 * (qy * qz + qw * qx)
-    r22 = 1.0 - 2.0 * (qx * qx + qy * qy)
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = matrix(x[_S.QUAT], x[_S.QUAT + 1], x[_S.QUAT + 2], x[_S.QUAT + 3])
     vn, ve, vd = x[_S.VEL], x[_S.VEL + 1], x[_S.VEL + 2]
     wx, wy, wz = x[_S.RATE], x[_S.RATE + 1], x[_S.RATE + 2]
     mass = p[_P.MASS]
@@ -262,10 +251,7 @@ def slung_plant_derivative(x_dot: Vector, y: Vector, x: Vector, u: Vector, p: Ve
     an, ae, ad = fn / mass, fe / mass, fd / mass
     x_dot[_S.POS], x_dot[_S.POS + 1], x_dot[_S.POS + 2] = vn, ve, vd
     x_dot[_S.VEL], x_dot[_S.VEL + 1], x_dot[_S.VEL + 2] = an, ae, ad + GRAVITY
-    x_dot[_S.QUAT] = 0.5 * (-qx * wx - qy * wy - qz * wz)
-    x_dot[_S.QUAT + 1] = 0.5 * (qw * wx + qy * wz - qz * wy)
-    x_dot[_S.QUAT + 2] = 0.5 * (qw * wy - qx * wz + qz * wx)
-    x_dot[_S.QUAT + 3] = 0.5 * (qw * wz + qx * wy - qy * wx)
+    quaternion_rate(x_dot[_S.QUAT : _S.QUAT + 4], x[_S.QUAT : _S.QUAT + 4], wx, wy, wz)
     x_dot[_S.RATE], x_dot[_S.RATE + 1], x_dot[_S.RATE + 2] = dwx, dwy, dwz
     x_dot[_S.LOAD_POS], x_dot[_S.LOAD_POS + 1], x_dot[_S.LOAD_POS + 2] = ln, le, ld
     x_dot[_S.LOAD_VEL] = gn / load_mass
@@ -331,10 +317,7 @@ def slung_plant_step(x: Vector, y: Vector, u: Vector, p: Vector, dt_s: float, su
             x[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
         for i in range(6):
             mean[i] += 0.5 * y[_Y.SPECIFIC_FORCE + i]
-    q = x[_S.QUAT : _S.QUAT + 4]
-    n = 1.0 / sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    for i in range(4):
-        q[i] *= n
+    normalise(x[_S.QUAT : _S.QUAT + 4])
     slung_plant_derivative(k1, y, x, u, p)
     for i in range(6):
         y[_Y.SPECIFIC_FORCE + i] = mean[i] / substeps

@@ -25,9 +25,9 @@ def test_a_quick_run_says_how_the_parts_compare() -> None:
     assert results["engine: share of a core in flight"]["value"] < 15.0
     assert results["lockstep: simulated PX4 and engine"]["ratio"] > 1.0
     assert results["replay: a recording"]["ratio"] > 1.0
-    # What the study of many seeds counts on, on one core.
-    assert results["study: case 1, calm air"]["ratio"] > 200.0
-    assert results["study: case 3, turbulence"]["ratio"] > 200.0
+    # Some 300 on a core of its own; an interpreted part in the loop would cost far more than a shared machine does.
+    assert results["study: case 1, calm air"]["ratio"] > 50.0
+    assert results["study: case 3, turbulence"]["ratio"] > 50.0
     assert results["frame: Port.receive"]["ratio"] > 1.5
     assert results["frame: Router.route"]["ratio"] > 4.0
     # Half a second on a machine whose bare interpreter starts in 25 ms, whatever else this one is doing.
