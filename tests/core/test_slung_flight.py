@@ -216,6 +216,49 @@ def test_every_law_meets_the_same_noise():
 
 
 @JIT
+@pytest.mark.parametrize(
+    ("sensors", "gain"),
+    [
+        (replace(SILENT, pos_xy_m=0.1, pos_z_m=0.02), lambda a: (a.vel_p_xy * a.pos_p_xy, a.vel_p_z * a.pos_p_z)),
+        (replace(SILENT, vel_xy_mps=0.1, vel_z_mps=0.02), lambda a: (a.vel_p_xy, a.vel_p_z)),
+    ],
+    ids=["position", "velocity"],
+)
+def test_noise_of_position_and_velocity_reaches_the_autopilot(sensors, gain):
+    """As a proportional one asks for accelerations by it; 0.1 across and 0.02 down."""
+    proportional = replace(CALM.autopilot, vel_i_xy=0.0, vel_i_z=0.0, vel_d_xy=0.0, vel_d_z=0.0)
+    flight = run(replace(CALM, autopilot=proportional, sensors=sensors), OFF, 1)
+    p_pos = np.array([proportional.pos_p_xy, proportional.pos_p_xy, proportional.pos_p_z])
+    p_vel = np.array([proportional.vel_p_xy, proportional.vel_p_xy, proportional.vel_p_z])
+    silent = p_vel * (p_pos * (np.array(CALM.start_ned_m) - flight.column(L.POS, 3)) - flight.column(L.VEL, 3))
+    noise = flight.column(L.ACC_VC, 3) - silent
+    across, down = gain(proportional)
+    np.testing.assert_allclose(noise.std(axis=0), (0.1 * across, 0.1 * across, 0.02 * down), rtol=0.08)
+    np.testing.assert_allclose(np.corrcoef(noise.T), np.eye(3), atol=0.12)
+
+
+@JIT
+def test_noise_and_bias_of_the_accelerometer_reach_the_filters():
+    """They stand in the thrust of Remark 1, which in a level hover is |m z - (m + m_l) g|."""
+    bias = np.array([0.6, -0.4, 0.2])
+    sensors = replace(SILENT, acc_bias_frd_mps2=tuple(bias))
+    first_n = run(replace(CALM, sensors=sensors, duration_max_s=0.1), OFF, 0).column(L.THRUST_ESTIMATED)[0]
+    assert first_n == pytest.approx(np.linalg.norm(70.0 * bias - (0.0, 0.0, 160.0 * GRAVITY_MPS2)), rel=1e-9)
+    noisy_n = run(replace(CALM, sensors=replace(SILENT, acc_mps2=0.1)), OFF, 0).column(L.THRUST_ESTIMATED)
+    assert noisy_n.std() == pytest.approx(70.0 * 0.1, rel=0.08)
+
+
+@JIT
+def test_the_linear_filter_knows_nothing_of_the_ekf():
+    """Other settings of the one leave the other as it was."""
+    scenario = replace(CASE_3, duration_max_s=4.0)
+    other = replace(scenario, filters=replace(scenario.filters, ekf_measurement_noise=3.6e-3, load_mass_kg=90.0))
+    one, two = run(scenario, OFF, 3), run(other, OFF, 3)
+    assert np.abs(one.column(L.EKF, 7) - two.column(L.EKF, 7)).max() > 0.1
+    np.testing.assert_allclose(two.column(L.FGDF, 4), one.column(L.FGDF, 4), rtol=1e-9, atol=1e-12)
+
+
+@JIT
 def test_a_flight_ends_when_the_load_has_hung_still_for_its_time():
     scenario = replace(
         CALM, swing_rad=(0.05, 0.04), stop_chi_rad=0.02, stop_for_s=4.0, stop_distance_m=0.15, duration_max_s=60.0
