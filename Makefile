@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test virtual-tests prompt-tests check bench golden clean
+.PHONY: help setup demo test check bench golden clean
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -23,20 +23,13 @@ demo: $(STAMP)  ## fly a simulated PX4 with a slung load, correction off, then o
 	$(BIN)/swingd demo -c configs/demo.yaml -o out/demo.png
 
 # Bytecode is kept even where the environment says otherwise: else every process of the tests compiles all modules anew.
-test virtual-tests prompt-tests: export PYTHONDONTWRITEBYTECODE :=
-# In real time a test mostly waits. What must not be late runs one by one, beside tests in virtual time that give way;
-# the others three at a time. Files go out in the alphabet's order: by xdist's own, the long ones come last.
+test: export PYTHONDONTWRITEBYTECODE :=
+# Files go out in the alphabet's order: by xdist's own, the long ones come last and one worker waits.
 SHARED := --dist loadfile --no-loadscope-reorder
-test: $(STAMP)  ## the whole test suite
-	$(MAKE) --no-print-directory --jobs=2 --output-sync=target prompt-tests virtual-tests
-	$(BIN)/python -m pytest -n 3 $(SHARED) -m "live and not prompt and not alone"
+test: $(STAMP)  ## the whole test suite: in virtual time on all cores, in real time three at a time, what must not be late alone
+	$(BIN)/python -m pytest -n auto $(SHARED) -m "not live"
+	$(BIN)/python -m pytest -n 3 $(SHARED) -m "live and not alone"
 	$(BIN)/python -m pytest -m alone
-
-virtual-tests: $(STAMP)
-	nice -n 19 $(BIN)/python -m pytest -n auto $(SHARED) -m "not live"
-
-prompt-tests: $(STAMP)
-	$(BIN)/python -m pytest -m prompt
 
 check: $(STAMP)  ## style, types and the contract of the rooms
 	$(BIN)/ruff check .

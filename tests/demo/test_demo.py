@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.live
-@pytest.mark.prompt
+@pytest.mark.alone
 def test_demo_damps_the_swing_and_tells_it_as_json(tmp_path: Path) -> None:
     picture = tmp_path / "demo.png"
     config = str(ROOT / "configs/demo.yaml")

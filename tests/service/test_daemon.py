@@ -106,7 +106,7 @@ def judge(summary: Summary, peer: SimulatedAutopilot) -> None:
     assert not any(report.health is Health.FAULT for report in reports)
 
 
-@pytest.mark.prompt
+@pytest.mark.alone
 @pytest.mark.parametrize("loop", LOOPS)
 def test_it_flies_over_udp_and_records_what_it_did(loop: str, tmp_path: Path) -> None:
     port = udp_port()
@@ -144,7 +144,7 @@ def null_modem() -> Iterator[tuple[str, str, Callable[[asyncio.AbstractEventLoop
             os.close(fd)
 
 
-@pytest.mark.prompt
+@pytest.mark.alone
 @pytest.mark.parametrize("loop", LOOPS)
 def test_it_flies_over_a_serial_line(loop: str) -> None:
     with null_modem() as (near, far, join):

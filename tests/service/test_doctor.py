@@ -94,7 +94,7 @@ def dangers(diagnosis: Diagnosis) -> list[Advice]:
     return [finding for finding in diagnosis.findings if finding.severity is AdviceSeverity.DANGER]
 
 
-@pytest.mark.prompt
+@pytest.mark.alone
 async def test_a_vehicle_on_the_ground_is_ready_and_everything_is_measured() -> None:
     port = udp_port()
     parameters = linked(port)

@@ -121,7 +121,7 @@ class Application:
             await asyncio.sleep(0.05)
 
 
-@pytest.mark.prompt
+@pytest.mark.alone
 async def test_a_daemon_that_is_killed_in_flight_leaves_a_short_gap_and_no_mode(tmp_path: Path) -> None:
     """GIVEN an application in OFFBOARD through swingd WHEN swingd is killed and started again THEN it stays there."""
     application, autopilot = Application(), udp_port()

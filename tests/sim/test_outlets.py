@@ -386,7 +386,7 @@ async def run_for(pace: Pace, duration_s: float) -> int:
     return steps
 
 
-@pytest.mark.prompt
+@pytest.mark.alone
 async def test_the_factor_is_what_was_achieved_lately() -> None:
     pace = Pace(5.0)
     assert pace.factor == 0.0
@@ -399,7 +399,7 @@ async def test_the_factor_is_what_was_achieved_lately() -> None:
     assert 1.0 < pace.factor < 2.5
 
 
-@pytest.mark.prompt
+@pytest.mark.alone
 async def test_a_stall_is_caught_up_in_part() -> None:
     pace = Pace(1.0)
     await run_for(pace, 0.1)

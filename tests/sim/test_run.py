@@ -109,7 +109,7 @@ async def test_it_sends_from_the_port_that_was_asked_for(client: Client) -> None
         assert client.autopilot[1] == port
 
 
-@pytest.mark.prompt
+@pytest.mark.alone
 @pytest.mark.parametrize("speed", [1.0, 5.0])
 async def test_the_pace_does_not_drift(client: Client, speed: float) -> None:
     async with running(on_link(iris(), client.url, speed=speed)) as peer:
@@ -120,7 +120,7 @@ async def test_the_pace_does_not_drift(client: Client, speed: float) -> None:
         assert peer.t_s - t_start == pytest.approx(passed, abs=0.05 * speed)
 
 
-@pytest.mark.prompt
+@pytest.mark.alone
 async def test_a_stall_is_not_followed_by_a_burst(client: Client) -> None:
     async with running(on_link(iris(), client.url)) as peer:
         await client.wait_for("HEARTBEAT")
