@@ -9,7 +9,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from swingd.core.constants import GRAVITY_MPS2
-from swingd.core.slung_flight import Feedback, FlightLog, Law, swing_angles
+from swingd.core.slung_flight import (
+    NOISE_PER_SAMPLE,
+    WHITE_PER_STEP,
+    Feedback,
+    FlightLog,
+    FlightParam,
+    Law,
+    fly,
+    swing_angles,
+)
 from swingd.studies.drones2023.cases import CASE_1, CASE_3, PAYLOAD_CONTROLLER
 from swingd.studies.drones2023.flight import DT_S, LawSettings, Sensors, StudyError, Wind, run
 
@@ -383,6 +392,60 @@ def test_the_airs_rotation_does_not_depend_on_the_heading():
         rates.append(run(replace(CALM, wind=wind, yaw_rad=yaw, duration_max_s=2.0), OFF, 5).column(L.GUST_RATE, 3))
     assert rates[0].std(axis=0).min() > 1e-3
     np.testing.assert_allclose(rates[1], rates[0], atol=0.02 * np.abs(rates[0]).max())
+
+
+@JIT
+def test_vehicle_and_load_have_gusts_of_their_own():
+    """Four noises each: the vehicle's leave the load's air alone, and the load's the vehicle's."""
+    vehicle, samples = CALM.vehicle, 1000
+    f = np.zeros(FlightParam.SIZE)
+    for name, value in {
+        "DT": DT_S,
+        "CONTROL_EVERY": CALM.control_every,
+        "FILTER_EVERY": CALM.control_every,
+        "STOP_FOR": math.inf,
+        "TURBULENCE_WIND": 10.0,
+        "TURBULENCE_SPEED": 10.0,
+        "SPAN": 2.38,
+        "LOAD_SPAN": 1.0,
+        "FILTER_MASS": 70.0,
+        "FILTER_LOAD_MASS": 100.0,
+        "FILTER_LENGTH": 15.0,
+        "EKF_R": 3.6e-5,
+        "EKF_SCHEME": -1.0,
+        "FGDF_R": 2.465e-4,
+        "FGDF_FADING": 0.998,
+    }.items():
+        f[FlightParam[name]] = value
+    white = np.random.default_rng(2).standard_normal((samples * CALM.control_every, WHITE_PER_STEP))
+
+    def log(*blown):
+        rows = np.full((samples, L.SIZE), np.nan)
+        heard = np.zeros_like(white)
+        for half in blown:
+            heard[:, half] = white[:, half]
+        written = fly(
+            rows,
+            vehicle.hovering(CALM.start_ned_m, 0.0, 0.0, 0.0),
+            vehicle.packed(),
+            vehicle.rotor_table(),
+            vehicle.allocation(),
+            CALM.autopilot.packed(vehicle, CALM.start_ned_m[2]),
+            f,
+            np.array(CALM.references),
+            np.zeros((samples, NOISE_PER_SAMPLE)),
+            heard,
+        )
+        assert written == samples
+        return rows
+
+    of_vehicle, of_load = slice(0, 4), slice(4, 8)
+    only_load = log(of_load)
+    wind, swing = slice(L.WIND, L.WIND + 3), slice(L.SWING, L.SWING + 2)
+    np.testing.assert_array_equal(only_load[:, wind], 0.0)
+    assert np.abs(only_load[:, swing]).max() > 1e-4
+    np.testing.assert_allclose(log(of_vehicle, of_load)[:, wind], log(of_vehicle)[:, wind], atol=0.02)
+    assert np.abs(log(of_vehicle)[:, wind]).max() > 0.5
 
 
 @JIT
