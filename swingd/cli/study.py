@@ -2,6 +2,7 @@
 
 import json
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -56,6 +57,8 @@ def drones2023(
 
     if file_format not in ("png", "svg"):
         raise ConfigurationError(f"--format: {file_format!r} given; expected png or svg")
+    if figures and find_spec("matplotlib") is None:
+        raise ConfigurationError("matplotlib is not installed; expected: pip install 'swingd[study]', or --no-figures")
     process.announce_compilation("slung_flight", "the simulation", "forty")
     from swingd.studies.drones2023.report import rows, write_csv, write_markdown
     from swingd.studies.drones2023.study import as_object, fly_all, judge, mean_and_spread, repeat

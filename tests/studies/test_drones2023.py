@@ -212,6 +212,13 @@ def test_command_names_what_is_wrong(tmp_path, arguments, said):
     assert said in done.stderr
 
 
+def test_command_says_how_to_come_by_what_draws(monkeypatch):
+    monkeypatch.setattr("swingd.cli.study.find_spec", lambda _name: None)
+    done = CliRunner().invoke(app, ["study", "drones2023"])
+    assert done.exit_code == 78
+    assert "pip install 'swingd[study]', or --no-figures" in done.stderr
+
+
 def test_scenarios_and_variants_belong_together():
     assert [scenario.name for scenario in SCENARIOS] == list(VARIANTS)
     assert CASE_1.filters.load_mass_kg == CASE_3.filters.load_mass_kg == 90.0
