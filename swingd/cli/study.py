@@ -14,9 +14,12 @@ if TYPE_CHECKING:
     from swingd.studies.drones2023.report import Row
     from swingd.studies.drones2023.study import Figures
 
-study = typer.Typer(
-    no_args_is_help=True, help="Recompute the cases of a paper: tables beside the printed ones, figures."
-)
+EXAMPLES = """\b
+Examples:
+  swingd study drones2023
+"""
+
+study = typer.Typer(no_args_is_help=True)
 
 WIDTH = 120
 """Of the tables where nobody watches a terminal."""
@@ -30,7 +33,7 @@ Examples:
 """
 
 
-@study.callback()
+@study.callback(epilog=EXAMPLES)
 def _study() -> None:
     """Recompute the cases of a paper: tables beside the printed ones, figures."""
 
