@@ -77,6 +77,8 @@ class Pipeline:
     """
 
     def __init__(self, parameters: Parameters) -> None:
+        self.intervals = 0
+        """Filter intervals taken, also those that could not be used: by it a watchdog sees progress."""
         self._t_mono_s = -math.inf
         self._heartbeat_s = -math.inf
         self._armed: bool | None = None
@@ -134,6 +136,11 @@ class Pipeline:
         return self._assessment.health
 
     @property
+    def reason(self) -> str:
+        """Why `health` is no better; empty where it is good."""
+        return self._assessment.reason
+
+    @property
     def rates_hz(self) -> dict[Stream, float]:
         """The streams that the autopilot is asked for [Hz]."""
         return self._streams.rates_hz
@@ -156,7 +163,11 @@ class Pipeline:
             case Imu():
                 self._streams.arrived(Stream.IMU, event.t_mono_s)
                 interval = self._sampler.add(event)
-                return self._filter_step(interval) if interval is not None else []
+                if interval is None:
+                    return []
+                actions = self._filter_step(interval)
+                self.intervals += 1
+                return actions
             case Attitude():
                 self._streams.arrived(Stream.ATTITUDE, event.t_mono_s)
                 self._attitude.add(event)
