@@ -84,8 +84,14 @@ def _run(given: argparse.Namespace) -> int:
     log = Log(under_journald="JOURNAL_STREAM" in os.environ)
     state = StateFile(given.config, lambda note: log.write(level_of(note.severity), note.text))
 
+    supervisor = None
+    if "NOTIFY_SOCKET" in os.environ:
+        from swingd.service.notify import Supervisor
+
+        supervisor = Supervisor.from_environment(os.environ)
+
     async def serve() -> None:
-        summary = await Daemon(parameters, given.record, state, log).run()
+        summary = await Daemon(parameters, given.record, state, log, supervisor).run()
         if given.summary is not None:
             given.summary.write_text(json.dumps(asdict(summary)) + "\n", encoding="utf-8")
 

@@ -16,6 +16,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import swingd
 from swingd.config.plain import parameters_to_json
@@ -27,6 +28,7 @@ from swingd.link.transport import TransportState
 from swingd.link.url import SerialPort
 from swingd.model.actions import Action, Setpoint, StatusText, SwingReport
 from swingd.model.errors import LinkOpenError
+from swingd.model.events import Stream
 from swingd.model.ground_parameters import GroundParameter
 from swingd.model.host import LinkKind
 from swingd.model.parameters import Mode, Parameters
@@ -35,6 +37,10 @@ from swingd.service.links import Link, settings_of
 from swingd.service.logs import Log, level_of
 from swingd.service.meter import Meter, Summary
 from swingd.service.state import StateFile
+
+if TYPE_CHECKING:
+    # Only under systemd there is one.
+    from swingd.service.notify import Supervisor
 
 LOG_FLUSH_S = 1.0
 HOST_STATUS_S = 1.0
@@ -60,6 +66,8 @@ class Daemon:
         Keeps what ground stations set; without it that is forgotten at the end.
     log : Log, optional
         Where lines go.
+    supervisor : Supervisor, optional
+        The service manager that is told of readiness, health and progress.
 
     Raises
     ------
@@ -75,8 +83,10 @@ class Daemon:
         record: Path | None = None,
         state: StateFile | None = None,
         log: Log | None = None,
+        supervisor: "Supervisor | None" = None,
     ) -> None:
         self._log = log or Log()
+        self._supervisor = supervisor
         self._state = state
         if state is not None:
             parameters, notes = state.apply(parameters)
@@ -97,6 +107,8 @@ class Daemon:
         self._forwarded = asyncio.Event()
         self._setpoints_made = 0
         self._known = False
+        self._load_problem = ""
+        self._unopened: set[str] = set()
 
     async def run(self, on_ready: Callable[[], None] | None = None) -> Summary:
         """Serve until `stop` or SIGINT, SIGTERM, SIGHUP; return the figures of the run.
@@ -120,9 +132,13 @@ class Daemon:
             self._announce()
             if on_ready is not None:
                 on_ready()
+            if self._supervisor is not None:
+                self._supervisor.ready()
             tasks = [*retried, asyncio.create_task(self._load()), asyncio.create_task(self._report_host())]
             await self._tick_until_stopped()
         finally:
+            if self._supervisor is not None:
+                self._supervisor.stopping()
             for number in handled:
                 loop.remove_signal_handler(number)
             for task in tasks:
@@ -134,6 +150,8 @@ class Daemon:
                 self._event_log.close()
             if self._state is not None:
                 self._state.close()
+            if self._supervisor is not None:
+                self._supervisor.close()
         summary = self._meter.summary()
         self._log.info("stopped", **_rounded(summary), **self._refusals())
         self._log.open()
@@ -149,6 +167,7 @@ class Daemon:
             await link.open()
         except LinkOpenError as error:
             self._log.error(f"{error}; trying again", link=link.settings.name)
+            self._unopened.add(link.settings.name)
             return asyncio.create_task(self._retry(link))
         return None
 
@@ -157,6 +176,7 @@ class Daemon:
             await asyncio.sleep(ENDPOINT_RETRY_S)
             with contextlib.suppress(LinkOpenError):
                 await link.open()
+                self._unopened.discard(link.settings.name)
                 return
 
     # ---- start
@@ -203,6 +223,7 @@ class Daemon:
         # A daemon: a compilation must not keep the process from ending.
         threading.Thread(target=load, name="swingd-load", daemon=True).start()
         if problem := await loaded:
+            self._load_problem = problem
             self._log.error("the filter cannot be loaded; everything passes uncorrected", reason=problem)
             return
         self._engine.join(time.monotonic())
@@ -226,6 +247,31 @@ class Daemon:
             if self._event_log is not None and now_s - flush_s > LOG_FLUSH_S:
                 flush_s = now_s
                 self._event_log.flush()
+            if self._supervisor is not None:
+                self._supervisor.status(self._status())
+                self._supervisor.feed(now_s, self._engine.adapter.received[Stream.IMU], self._intervals())
+
+    def _intervals(self) -> int | None:
+        """Filter intervals taken so far; None where there is no pipeline yet and starting again would give none."""
+        if self._engine.has_joined:
+            return self._engine.pipeline.intervals
+        # One that a fault has ended takes no more, and comes back by starting again.
+        return None if self._engine.failure is None else 0
+
+    def _status(self) -> str:
+        """Say in one line how things are."""
+        engine = self._engine
+        if engine.failure is not None:
+            state = f"fault: {engine.failure}; everything passes uncorrected"
+        elif self._load_problem:
+            state = f"the filter cannot be loaded: {self._load_problem}; everything passes uncorrected"
+        elif not engine.has_joined:
+            state = "loading the filter; everything passes uncorrected"
+        else:
+            pipeline = engine.pipeline
+            state = f"{pipeline.health.value}: {pipeline.reason}" if pipeline.reason else pipeline.health.value
+        unopened = "".join(f"; {name} cannot be opened" for name in sorted(self._unopened))
+        return f"mode {engine.parameters.mode.value}, {state}{unopened}"
 
     async def _report_host(self) -> None:
         """Tell the state of this computer once a second."""
