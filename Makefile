@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench golden clean
+.PHONY: help setup demo test check bench golden install uninstall clean
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -42,6 +42,69 @@ bench: $(STAMP)  ## speed of the parts, each as a ratio to a peer of the same ru
 
 golden: $(STAMP)  ## rewrite the golden replays; read the diff before committing it
 	$(BIN)/python -m tools.golden --write
+
+# The service. DESTDIR stages for a package: nothing outside of it is touched, nothing is compiled. VENV_READY names an
+# environment that has swingd already; else one is made in PREFIX.
+DESTDIR ?=
+PREFIX ?= /opt/swingd
+VENV_READY ?=
+SERVICE_VENV = $(or $(VENV_READY),$(PREFIX)/venv)
+EXAMPLES = $(PREFIX)/share/swingd.service.d.examples
+UNITS := /usr/local/lib/systemd/system
+SYSUSERS := /usr/local/lib/sysusers.d
+CONFIGURATION := /etc/swingd/swingd.yaml
+CACHE := /var/cache/swingd
+
+define CHECK_PATHS
+@case '$(PREFIX)' in /?*) ;; *) echo "PREFIX: '$(PREFIX)'; expected an absolute path below /" >&2; exit 2;; esac
+@case '$(DESTDIR)' in ''|/?*) ;; *) echo "DESTDIR: '$(DESTDIR)'; expected an absolute path below /, or nothing" >&2; exit 2;; esac
+endef
+
+install:  ## as a service, below DESTDIR if it is given; see docs/service.md
+	$(CHECK_PATHS)
+ifeq ($(VENV_READY),)
+	@$(PYTHON) -c 'import os, sys; p = os.path.realpath(sys.base_prefix); sys.exit(f"PYTHON: {p} lies in a home folder, which the service does not see; expected one of the system" if p.startswith(("/home/", "/root/")) else 0)'
+	@# For the service's user to read, whatever root's umask; built from a copy, so that no file of root's stays here.
+	umask 022 && $(PYTHON) -m venv '$(DESTDIR)$(PREFIX)/venv' \
+		&& copy=$$(mktemp -d) && trap 'rm -rf "$$copy"' EXIT && cp -r swingd pyproject.toml README.md LICENSE "$$copy" \
+		&& '$(DESTDIR)$(PREFIX)/venv/bin/python' -m pip install --quiet --disable-pip-version-check "$$copy"
+	@# The commands name their interpreter by its path.
+	cd '$(DESTDIR)$(PREFIX)/venv' && grep -rlIF '$(DESTDIR)$(PREFIX)' bin pyvenv.cfg | xargs -r sed -i 's|$(DESTDIR)$(PREFIX)/venv|$(PREFIX)/venv|g'
+endif
+	install -d '$(DESTDIR)$(UNITS)' '$(DESTDIR)$(SYSUSERS)' '$(DESTDIR)$(EXAMPLES)' '$(DESTDIR)$(dir $(CONFIGURATION))'
+	for unit in swingd.service swingd@.service; do \
+		sed 's|/opt/swingd/venv|$(SERVICE_VENV)|' systemd/$$unit > '$(DESTDIR)$(UNITS)'/$$unit || exit; \
+		chmod 644 '$(DESTDIR)$(UNITS)'/$$unit; \
+	done
+	install -m 644 systemd/swingd.sysusers.conf '$(DESTDIR)$(SYSUSERS)/swingd.conf'
+	install -m 644 systemd/swingd.service.d.examples/*.conf '$(DESTDIR)$(EXAMPLES)'
+	test -e '$(DESTDIR)$(CONFIGURATION)' || install -m 644 configs/x500.yaml '$(DESTDIR)$(CONFIGURATION)'
+ifeq ($(DESTDIR),)
+	if command -v systemd-sysusers > /dev/null; then systemd-sysusers $(SYSUSERS)/swingd.conf; fi
+	if test -d /run/systemd/system; then systemctl daemon-reload; fi
+	if id swingd > /dev/null 2>&1; then \
+		install -d -m 750 -o swingd -g swingd $(CACHE) && echo 'compiling the filter' \
+		&& runuser -u swingd -- env -C / NUMBA_CACHE_DIR=$(CACHE) XDG_CACHE_HOME=$(dir $(CACHE)) '$(SERVICE_VENV)/bin/python' -c 'import swingd.pipeline'; \
+	else echo 'there is no user swingd: its first start compiles the filter'; fi
+endif
+
+uninstall:  ## remove what install made; configuration, state and user stay
+	$(CHECK_PATHS)
+ifeq ($(DESTDIR),)
+	if test -d /run/systemd/system; then \
+		systemctl stop swingd.service 'swingd@*.service'; systemctl disable swingd.service swingd@.service; fi
+endif
+	rm -f '$(DESTDIR)$(UNITS)/swingd.service' '$(DESTDIR)$(UNITS)/swingd@.service' '$(DESTDIR)$(SYSUSERS)/swingd.conf'
+	rm -rf '$(DESTDIR)$(EXAMPLES)' '$(DESTDIR)$(CACHE)'
+ifeq ($(VENV_READY),)
+	rm -rf '$(DESTDIR)$(PREFIX)/venv'
+endif
+	for folder in '$(DESTDIR)$(PREFIX)/share' '$(DESTDIR)$(PREFIX)'; do \
+		if test -d "$$folder"; then rmdir --ignore-fail-on-non-empty "$$folder"; fi; \
+	done
+ifeq ($(DESTDIR),)
+	if test -d /run/systemd/system; then systemctl daemon-reload; fi
+endif
 
 clean:  ## remove what the other targets made
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build out *.egg-info
