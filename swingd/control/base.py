@@ -8,6 +8,10 @@ Vec2 = tuple[float, float]
 class SwingLaw(Protocol):
     """Acceleration of the vehicle that takes energy out of the swing."""
 
+    @property
+    def acts(self) -> bool:
+        """Whether it asks for anything at all; a design that finds no helpful gains does not."""
+
     def acceleration(self, direction: Vec2, rate_per_s: Vec2) -> Vec2:
         """Answer one state of the swing.
 

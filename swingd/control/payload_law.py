@@ -17,6 +17,11 @@ class PayloadLaw:
         self._kp = parameters.control.payload_kp_mps2_per_rad
         self._kd = parameters.control.payload_kd_mps2_per_radps
 
+    @property
+    def acts(self) -> bool:
+        """Whether either gain is given."""
+        return self._kp > 0.0 or self._kd > 0.0
+
     def acceleration(self, direction: Vec2, rate_per_s: Vec2) -> Vec2:
         """Answer one state of the swing; see `SwingLaw.acceleration`."""
         x, y = direction

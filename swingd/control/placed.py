@@ -199,6 +199,11 @@ class PlacedLaw:
         self._kp = self.design.kp_per_s2 * length_m
         self._kd = self.design.kd_per_s * length_m
 
+    @property
+    def acts(self) -> bool:
+        """Whether the design found gains."""
+        return self.design.kd_per_s > 0.0
+
     def acceleration(self, direction: Vec2, rate_per_s: Vec2) -> Vec2:
         """Answer one state of the swing; see `SwingLaw.acceleration`."""
         return (

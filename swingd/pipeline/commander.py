@@ -104,6 +104,11 @@ class Commander:
         return self._fade.value > 0.0
 
     @property
+    def law_acts(self) -> bool:
+        """Whether the law asks for anything with these parameters."""
+        return self._law.acts
+
+    @property
     def refused_references(self) -> int:
         """References from outside that mode `hold` did not take."""
         return self._hold.refused

@@ -43,7 +43,7 @@ from swingd.model.events import (
     Vec3,
     VoltageCompensation,
 )
-from swingd.model.parameters import Parameters, ThrustSource
+from swingd.model.parameters import Mode, Parameters, ThrustSource
 from swingd.pipeline.commander import Commander, Situation
 from swingd.pipeline.correction import turn
 from swingd.pipeline.health import Assessment, HealthWatch, StreamWatch
@@ -88,6 +88,7 @@ class Pipeline:
         self._parameters = parameters
         self._compensated = False
         self._commander = Commander(parameters)
+        self._law_told = False
         self._attitude = AttitudeTracker()
         self._build()
 
@@ -237,6 +238,7 @@ class Pipeline:
         """Take other parameters; the estimate begins anew only where it depends on them."""
         before, self._parameters = self._parameters, parameters
         self._commander.configure(parameters)
+        self._law_told = False
         estimated_from = attrgetter(*ESTIMATED_FROM)
         if estimated_from(before) == estimated_from(parameters):
             return [StatusText(Severity.NOTICE, "parameters changed")]
@@ -458,6 +460,10 @@ class Pipeline:
         if now_s - self._heartbeat_s >= HEARTBEAT_S:
             self._heartbeat_s = now_s
             actions.append(Heartbeat(self.health))
+        if not self._law_told and self._state_s is not None:
+            self._law_told = True
+            if self._parameters.mode is not Mode.SHADOW and not self._commander.law_acts:
+                actions.append(StatusText(Severity.WARNING, "no gains help this vehicle: see swingd check"))
         state = (self.health, self._assessment.reason)
         if state != self._told and now_s - self._told_s >= TEXT_EVERY_S:
             self._told, self._told_s = state, now_s
