@@ -3,9 +3,14 @@
 from typing import Protocol
 
 from swingd.core.status import Status
+from swingd.core.swing_ekf import ANGLE_MAX_RAD, State
 from swingd.model.estimate import FloatArray, ResetReason, SwingEstimate
 
 INTERVAL_MAX_S = 10.0
+ANGLE_STD_MAX_RAD = 1.0
+"""Beyond it the estimate says nothing."""
+GATED_MAX_S = 1.0
+"""Measurements rejected for longer mean that the state is wrong, not the measurements."""
 INPUT_MAX = 1e9
 """Forces [N] and accelerations [m/s^2] from here on are refused, so that nothing derived from them overflows."""
 
@@ -13,6 +18,25 @@ INPUT_MAX = 1e9
 def inputs_valid(force_n: FloatArray, acc_mps2: FloatArray, dt_s: float) -> bool:
     """Tell whether an estimator may take these; a value that is not a number fails every comparison."""
     return bool(0.0 < dt_s <= INTERVAL_MAX_S and (abs(force_n) < INPUT_MAX).all() and (abs(acc_mps2) < INPUT_MAX).all())
+
+
+def fault_of(x: FloatArray, P: FloatArray, gated_s: float) -> ResetReason | None:
+    """Tell why a filter must begin anew; None where it need not.
+
+    Parameters
+    ----------
+    x, P : (>= 2,), (>= 2, >= 2)
+        State and covariance that begin with xi and zeta.
+    gated_s : float
+        For how long its measurements have been left out [s].
+    """
+    if max(abs(x[State.XI]), abs(x[State.ZETA])) > ANGLE_MAX_RAD:
+        return ResetReason.ANGLE
+    if max(P[State.XI, State.XI], P[State.ZETA, State.ZETA]) > ANGLE_STD_MAX_RAD**2:
+        return ResetReason.COVARIANCE
+    if gated_s > GATED_MAX_S:
+        return ResetReason.INNOVATION
+    return None
 
 
 class SwingEstimator(Protocol):

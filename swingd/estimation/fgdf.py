@@ -7,9 +7,7 @@ import numpy as np
 from swingd.core import fgdf as kernels
 from swingd.core.constants import GRAVITY_MPS2
 from swingd.core.status import Status
-from swingd.core.swing_ekf import ANGLE_MAX_RAD, State
-from swingd.estimation.base import inputs_valid
-from swingd.estimation.swing_ekf import ANGLE_STD_MAX_RAD, GATED_MAX_S
+from swingd.estimation.base import fault_of, inputs_valid
 from swingd.model.estimate import FloatArray, ResetReason, SwingEstimate
 from swingd.model.parameters import Parameters
 
@@ -60,7 +58,7 @@ class Fgdf:
             self.reset(ResetReason.NUMERICS)
             return status
         self._gated_s = self._gated_s + dt_s if status is Status.GATED else 0.0
-        reason = self._fault()
+        reason = fault_of(self._x, self._E, self._gated_s)
         if reason is not None:
             self.reset(reason)
             return Status.NOT_CONVERGED
@@ -74,7 +72,7 @@ class Fgdf:
         self._nis[0] = 0.0
         if self._predict(dt_s) is not Status.OK:
             self.reset(ResetReason.NUMERICS)
-        elif (reason := self._fault()) is not None:
+        elif (reason := fault_of(self._x, self._E, self._gated_s)) is not None:
             self.reset(reason)
 
     def estimate(self) -> SwingEstimate:
@@ -126,12 +124,3 @@ class Fgdf:
         kernels.transition(self._Phi, self._Gamma, self._mass_kg, self._payload_mass_kg, self._length_m, dt_s)
         fading = math.exp(-dt_s / self._memory_s)
         return Status(kernels.predict(self._x, self._E, self._force, self._Phi, self._Gamma, fading))
-
-    def _fault(self) -> ResetReason | None:
-        if max(abs(self._x[State.XI]), abs(self._x[State.ZETA])) > ANGLE_MAX_RAD:
-            return ResetReason.ANGLE
-        if max(self._E[State.XI, State.XI], self._E[State.ZETA, State.ZETA]) > ANGLE_STD_MAX_RAD**2:
-            return ResetReason.COVARIANCE
-        if self._gated_s > GATED_MAX_S:
-            return ResetReason.INNOVATION
-        return None

@@ -7,15 +7,11 @@ import numpy as np
 
 from swingd.core import swing_ekf as kernels
 from swingd.core.status import Status
-from swingd.core.swing_ekf import ANGLE_MAX_RAD, NUM_STATES, Scheme, State
-from swingd.estimation.base import inputs_valid
+from swingd.core.swing_ekf import NUM_STATES, Scheme, State
+from swingd.estimation.base import fault_of, inputs_valid
 from swingd.model.estimate import FloatArray, ResetReason, SwingEstimate
 from swingd.model.parameters import Integrator, Parameters
 
-ANGLE_STD_MAX_RAD = 1.0
-"""Beyond it the estimate says nothing."""
-GATED_MAX_S = 1.0
-"""Measurements rejected for longer mean that the state is wrong, not the measurements."""
 FORCE_AGE_S = 2.0
 """Age of a disturbance that was measured before the load was lifted."""
 RELEARN_DOUBT = 1.0
@@ -133,7 +129,7 @@ class SwingEkf:
             return status
         self._relearn(dt_s)
         self._gated_s = self._gated_s + dt_s if status is Status.GATED else 0.0
-        reason = self._fault()
+        reason = fault_of(self._x, self._P, self._gated_s)
         if reason is not None:
             self.reset(reason)
             return Status.NOT_CONVERGED
@@ -146,7 +142,7 @@ class SwingEkf:
         self._force[:] = force_n
         if self._advance(np.zeros(3), dt_s, GATE_CLOSED) not in (Status.OK, Status.GATED):
             self.reset(ResetReason.NUMERICS)
-        elif (reason := self._fault()) is not None:
+        elif (reason := fault_of(self._x, self._P, self._gated_s)) is not None:
             self.reset(reason)
         self._nis[0] = 0.0
 
@@ -241,12 +237,3 @@ class SwingEkf:
                 return status
         self._nis[0] = nis
         return Status.GATED if nis_gate == GATE_CLOSED else Status.OK
-
-    def _fault(self) -> ResetReason | None:
-        if max(abs(self._x[State.XI]), abs(self._x[State.ZETA])) > ANGLE_MAX_RAD:
-            return ResetReason.ANGLE
-        if max(self._P[State.XI, State.XI], self._P[State.ZETA, State.ZETA]) > ANGLE_STD_MAX_RAD**2:
-            return ResetReason.COVARIANCE
-        if self._gated_s > GATED_MAX_S:
-            return ResetReason.INNOVATION
-        return None

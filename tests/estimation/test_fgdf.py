@@ -1,6 +1,5 @@
 """The fading filter as an object: tracking, its rate, the wind it cannot know, gate, resets."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -12,22 +11,9 @@ from swingd.core.status import Status
 from swingd.core.swing_ekf import GRAVITY_MPS2
 from swingd.estimation import Fgdf, SwingEkf, make_estimator
 from swingd.model.estimate import ResetReason
-from swingd.model.parameters import Cable, Estimator, Parameters, Payload, Vehicle
+from swingd.model.parameters import Estimator
 
-M, ML, L = 1.5, 0.3, 1.5
-HOVER = np.array([0.0, 0.0, -(M + ML) * GRAVITY_MPS2])
-STILL = np.zeros(3)
-DT_S = 0.01
-
-
-def parameters(**estimator):
-    return dataclasses.replace(
-        Parameters(), vehicle=Vehicle(M), payload=Payload(ML), cable=Cable(L), estimator=Estimator(**estimator)
-    )
-
-
-def faults(estimator):
-    return {reason: count for reason, count in estimator.resets.items() if count}
+from .rig import DT_S, HOVER, ML, STILL, L, M, faults, parameters
 
 
 def pushed(t):

@@ -20,20 +20,7 @@ from swingd.estimation.base import INTERVAL_MAX_S
 from swingd.model.estimate import ResetReason
 from swingd.model.parameters import Cable, Estimator, Integrator, Parameters, Payload, Vehicle
 
-M, ML, L = 1.5, 0.3, 1.5
-HOVER = np.array([0.0, 0.0, -(M + ML) * GRAVITY_MPS2])
-STILL = np.zeros(3)
-DT_S = 0.01
-
-
-def parameters(**estimator):
-    return dataclasses.replace(
-        Parameters(), vehicle=Vehicle(M), payload=Payload(ML), cable=Cable(L), estimator=Estimator(**estimator)
-    )
-
-
-def faults(ekf):
-    return {reason: count for reason, count in ekf.resets.items() if count}
+from .rig import DT_S, HOVER, ML, STILL, L, M, faults, parameters
 
 
 def at_rest(ekf):
