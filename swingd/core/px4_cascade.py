@@ -10,6 +10,8 @@ import numpy as np
 
 from swingd.core._jit import F8, MAT, VEC, VOID, kernel
 from swingd.core.constants import GRAVITY_MPS2
+from swingd.core.level import level_from_frd
+from swingd.core.multirotor import Rotor
 
 
 class CascadeParam(IntEnum):
@@ -118,7 +120,7 @@ def cascade_update(omega_out, acc_out, s, i, c, allocation, rotors, dt_s):
     allocation : (n, 4)
         Thrust of each rotor per total thrust [1] and per roll, pitch and yaw moment [1/m].
     rotors : (n, Rotor.SIZE)
-        Column 4 is the thrust's coefficient.
+        See `swingd.core.multirotor`.
     dt_s : float
         Since the last update [s].
     """
@@ -168,16 +170,13 @@ def cascade_update(omega_out, acc_out, s, i, c, allocation, rotors, dt_s):
     norm = sqrt(xn * xn + xe * xe + xd * xd)
     xn, xe, xd = xn / norm, xe / norm, xd / norm
     yn, ye, yd = ze * xd - zd * xe, zd * xn - zn * xd, zn * xe - ze * xn
-    cr, sr = cos(i[_I.EULER]), sin(i[_I.EULER])
-    cp, sp = cos(i[_I.EULER + 1]), sin(i[_I.EULER + 1])
-    cy, sy = cos(i[_I.EULER + 2]), sin(i[_I.EULER + 2])
-    m00, m01, m02 = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
-    m10, m11, m12 = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
-    m20, m21, m22 = -sp, cp * sr, cp * cr
+    R = np.empty((3, 3))
+    level_from_frd(R, i[_I.EULER], i[_I.EULER + 1], i[_I.EULER + 2])
     # Vector part of the rotation, half the antisymmetric part of its matrix: exact to third order of the angle.
-    moment[0] = 0.5 * ((m02 * yn + m12 * ye + m22 * yd) - (m01 * zn + m11 * ze + m21 * zd))
-    moment[1] = 0.5 * ((m00 * zn + m10 * ze + m20 * zd) - (m02 * xn + m12 * xe + m22 * xd))
-    moment[2] = 0.5 * ((m01 * xn + m11 * xe + m21 * xd) - (m00 * yn + m10 * ye + m20 * yd))
+    across_x = R[0, 2] * yn + R[1, 2] * ye + R[2, 2] * yd - (R[0, 1] * zn + R[1, 1] * ze + R[2, 1] * zd)
+    across_y = R[0, 0] * zn + R[1, 0] * ze + R[2, 0] * zd - (R[0, 2] * xn + R[1, 2] * xe + R[2, 2] * xd)
+    across_z = R[0, 1] * xn + R[1, 1] * xe + R[2, 1] * xd - (R[0, 0] * yn + R[1, 0] * ye + R[2, 0] * yd)
+    moment[0], moment[1], moment[2] = 0.5 * across_x, 0.5 * across_y, 0.5 * across_z
 
     # Body rates.
     for j in range(3):
@@ -195,4 +194,4 @@ def cascade_update(omega_out, acc_out, s, i, c, allocation, rotors, dt_s):
         t = allocation[j, 0] * thrust + allocation[j, 1] * moment[0]
         t += allocation[j, 2] * moment[1] + allocation[j, 3] * moment[2]
         t = min(max(t, 0.0), c[_C.ROTOR_THRUST_MAX])
-        omega_out[j] = sqrt(t / (c[_C.DENSITY_RATIO] * rotors[j, 4]))
+        omega_out[j] = sqrt(t / (c[_C.DENSITY_RATIO] * rotors[j, Rotor.THRUST]))

@@ -14,6 +14,7 @@ import numpy as np
 from swingd.core import fgdf
 from swingd.core._jit import F8, I8, MAT, VEC, VOID, kernel
 from swingd.core.constants import GRAVITY_MPS2
+from swingd.core.level import level_from_frd
 from swingd.core.multirotor import (
     MultirotorInput,
     MultirotorOutput,
@@ -331,7 +332,7 @@ def fly(log, x, p, rotors, allocation, cascade, f, references, noise, white):
     for j in range(4):
         E[j, j] = f[_F.FGDF_E0 + j]
     fgdf.transition(Phi, Gamma, mass, load_mass, length, filter_s)
-    z, force, force_linear = np.zeros(3), np.zeros(3), np.zeros(3)
+    R_heading, z, force, force_linear = np.empty((3, 3)), np.zeros(3), np.zeros(3), np.zeros(3)
     thrust = 0.0
 
     leg = 0
@@ -378,23 +379,20 @@ def fly(log, x, p, rotors, allocation, cascade, f, references, noise, white):
 
         # Filters.
         if steps % filter_every == 0:
-            cr, sr = cos(sample[_I.EULER]), sin(sample[_I.EULER])
-            cp, sp = cos(sample[_I.EULER + 1]), sin(sample[_I.EULER + 1])
-            ax = y[_Y.SPECIFIC_FORCE] + f[_F.ACC_BIAS] + f[_F.ACC_STD] * noise[row, 6]
-            ay = y[_Y.SPECIFIC_FORCE + 1] + f[_F.ACC_BIAS + 1] + f[_F.ACC_STD] * noise[row, 7]
-            az = y[_Y.SPECIFIC_FORCE + 2] + f[_F.ACC_BIAS + 2] + f[_F.ACC_STD] * noise[row, 8]
-            across = sr * ay + cr * az
-            z[0] = cp * ax + sp * across
-            z[1] = cr * ay - sr * az
-            z[2] = cp * across - sp * ax + GRAVITY_MPS2
+            level_from_frd(R_heading, sample[_I.EULER], sample[_I.EULER + 1], 0.0)
+            z[0], z[1], z[2] = 0.0, 0.0, GRAVITY_MPS2
+            for j in range(3):
+                read = y[_Y.SPECIFIC_FORCE + j] + f[_F.ACC_BIAS + j] + f[_F.ACC_STD] * noise[row, 6 + j]
+                for k in range(3):
+                    z[k] += R_heading[k, j] * read
             # Remark 1, (14), along the measured body axis: with the disturbance that the EKF knows, and without any.
             hanging = (mass + load_mass) * GRAVITY_MPS2
             lift = mass * z[2] - hanging
             thrust = sqrt((mass * z[0] - ekf[4]) ** 2 + (mass * z[1] - ekf[5]) ** 2 + (lift - ekf[6]) ** 2)
             thrust_linear = mass * sqrt(z[0] ** 2 + z[1] ** 2 + (lift / mass) ** 2)
-            force[0], force[1], force[2] = -thrust * sp * cr, thrust * sr, -thrust * cp * cr
             for j in range(3):
-                force_linear[j] = force[j] * thrust_linear / thrust
+                force[j] = -thrust * R_heading[j, 2]
+                force_linear[j] = -thrust_linear * R_heading[j, 2]
             if scheme < 0:
                 status = rk4_step(ekf, P, force, z, f[_F.EKF_Q : _F.EKF_Q + 7], R, filter_s, mass, load_mass, length)
             else:

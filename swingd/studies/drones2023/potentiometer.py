@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swingd.core.level import level_from_frd
 from swingd.core.slung_flight import FlightLog
 from swingd.model.estimate import FloatArray
 from swingd.studies.drones2023.flight import DT_S, Flight
@@ -42,11 +43,11 @@ def readings(flight: Flight, seed: int) -> Readings:
     xi, zeta = flight.column(FlightLog.SWING, 2)[::every].T
     level = np.array([np.sin(zeta), -np.sin(xi) * np.cos(zeta), np.cos(xi) * np.cos(zeta)])
     true, measured = (flight.column(first, 2)[::every].T for first in (FlightLog.EULER, FlightLog.EULER_MEASURED))
-    body = np.einsum("jin,jn->in", _level_from_frd(*true), level)
+    body = np.einsum("nji,jn->in", _rotations(*true), level)
     noise = NOISE_RAD * np.random.default_rng(seed).standard_normal((2, t_s.size))
     about_x, about_y = np.arctan2(-body[1], body[2]) + noise[0], np.arcsin(body[0]) + noise[1]
     read = np.array([np.sin(about_y), -np.sin(about_x) * np.cos(about_y), np.cos(about_x) * np.cos(about_y)])
-    level = np.einsum("ijn,jn->in", _level_from_frd(*measured), read)
+    level = np.einsum("nij,jn->in", _rotations(*measured), read)
     angle_rad = np.array([np.arctan2(-level[1], level[2]), np.arcsin(np.clip(level[0], -1.0, 1.0))])
     window = np.hanning(round(SMOOTHING_S * RATE_HZ) + 2)[1:-1]
     padded = np.pad(np.gradient(angle_rad, t_s, axis=1), ((0, 0), (window.size // 2,) * 2), mode="edge")
@@ -54,8 +55,9 @@ def readings(flight: Flight, seed: int) -> Readings:
     return Readings(t_s, angle_rad, rate)
 
 
-def _level_from_frd(roll: FloatArray, pitch: FloatArray) -> FloatArray:
-    """Return the rotations by roll and pitch, (3, 3, n)."""
-    cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
-    zero = np.zeros_like(cr)
-    return np.array([[cp, sp * sr, sp * cr], [zero, cr, -sr], [-sp, cp * sr, cp * cr]])
+def _rotations(roll: FloatArray, pitch: FloatArray) -> FloatArray:
+    """Return the rotation from the body to the heading frame at each sample, (n, 3, 3)."""
+    rotations = np.empty((roll.size, 3, 3))
+    for rotation, roll_rad, pitch_rad in zip(rotations, roll, pitch, strict=True):
+        level_from_frd(rotation, roll_rad, pitch_rad, 0.0)
+    return rotations
