@@ -70,16 +70,12 @@ def drones2023(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f"--output: {folder} cannot be made: {error.strerror}") from None
-    flights = None
-    if figures or seeds == 1:
-        with progress.bar("flying", as_json) as watch:
-            flights = fly_all(seed, watch)
-    if seeds == 1:
-        assert flights is not None
-        repeated = [judge(flights, seed)]
-    else:
-        with progress.bar(f"flying {seeds} seeds", as_json) as watch:
-            repeated = repeat(range(seed, seed + seeds), watch)
+    with progress.bar("flying", as_json) as watch:
+        flights = fly_all(seed, watch)
+    repeated = [judge(flights, seed)]
+    if seeds > 1:
+        with progress.bar(f"flying {seeds - 1} more seeds", as_json) as watch:
+            repeated += repeat(range(seed + 1, seed + seeds), watch)
     mean, spread = mean_and_spread(repeated)
     table = list(rows(mean, spread))
     write_csv(folder / "tables.csv", table)
@@ -87,7 +83,6 @@ def drones2023(
     if figures:
         from swingd.studies.drones2023.figures import draw
 
-        assert flights is not None
         with progress.bar("drawing", as_json) as watch:
             draw(flights, folder, file_format, watch)
     if as_json:
