@@ -151,6 +151,9 @@ def _print_table(figures: "Figures") -> None:
     latency = "no setpoints" if f.latency_ms_p50 is None else f"{f.latency_ms_p50:.2f} / {f.latency_ms_p99:.2f} ms"
     console.print(f"filter {f.filter_hz:.1f} Hz, {f.cpu_percent:.1f} % of a core")
     console.print(f"IMU received to setpoint sent: {latency} (p50 / p99)")
+    console.print(f"longest wait of the autopilot for a setpoint: {f.setpoint_gap_ms:.0f} ms")
+    if f.stalled:
+        console.print("This machine stood still during a flight, which the figures show: fly again when it is idle.")
 
 
 def _ratio(on: float, off: float) -> str:

@@ -15,6 +15,8 @@ SETTLED_RAD = math.radians(2.0)
 SETTLED_FOR_S = 1.0
 ESTIMATE_LEAD_S = 10.0
 """The estimate is judged from this long before the first step."""
+STALL_MS = 100.0
+"""Setpoints come every 20 ms; who waits this long for one waits for the machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,13 @@ class Figures:
     latency_ms_p99: float | None
     cpu_percent: float
     """Of one core, the daemon's whole process."""
+    setpoint_gap_ms: float
+    """Longest wait of the simulated autopilot for a setpoint during the steps of either flight."""
+
+    @property
+    def stalled(self) -> bool:
+        """Whether this machine stood still during a flight, so that the figures are not swingd's."""
+        return self.setpoint_gap_ms > STALL_MS
 
 
 def figures(parameters: Parameters, off: Flight, on: Flight) -> Figures:
@@ -83,6 +92,7 @@ def figures(parameters: Parameters, off: Flight, on: Flight) -> Figures:
         latency_ms_p50=on.daemon["latency_ms_p50"],
         latency_ms_p99=on.daemon["latency_ms_p99"],
         cpu_percent=on.daemon["cpu_percent"] or 0.0,
+        setpoint_gap_ms=1e3 * max(off.setpoint_gap_s, on.setpoint_gap_s),
     )
 
 

@@ -59,6 +59,8 @@ class Flight:
     """(2, m) published xi, zeta."""
     estimate_rates_radps: FloatArray
     """(2, m)"""
+    setpoint_gap_s: float
+    """Longest wait of the autopilot for a setpoint during the steps [s]."""
     daemon: dict[str, float | None]
     """The daemon's own figures (``swingd run --summary``)."""
 
@@ -87,8 +89,11 @@ class _Recorder:
         self._begun_s: float | None = None
         self.rows: list[tuple[float, ...]] = []
         self.estimates: list[tuple[float, ...]] = []
+        self.setpoint_gap_s = 0.0
 
     def __call__(self, t_s: float) -> None:
+        if self._pilot.phase is Phase.STEPS:
+            self.setpoint_gap_s = max(self.setpoint_gap_s, self._peer.autopilot.setpoint_age_s)
         if t_s < self._due_s:
             return
         self._due_s = t_s + SAMPLE_S
@@ -178,6 +183,7 @@ async def fly(
         estimate_t_s=estimates[0],
         estimate_rad=estimates[1:3],
         estimate_rates_radps=estimates[3:5],
+        setpoint_gap_s=recorder.setpoint_gap_s,
         daemon=figures,
     )
 

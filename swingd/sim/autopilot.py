@@ -251,7 +251,12 @@ class Autopilot:
     @property
     def offboard_available(self) -> bool:
         """Whether the stream of setpoints is fresh enough for OFFBOARD."""
-        return self.t_s < self._offboard.last_s + self._px4["COM_OF_LOSS_T"]
+        return self.setpoint_age_s < self._px4["COM_OF_LOSS_T"]
+
+    @property
+    def setpoint_age_s(self) -> float:
+        """Time since the last external setpoint [s]; infinite before the first."""
+        return self.t_s - self._offboard.last_s
 
     @property
     def failsafe(self) -> bool:

@@ -4,27 +4,38 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from swingd.demo.figures import STALL_MS
+
 ROOT = Path(__file__).parents[2]
+
+
+def fly(picture: Path) -> dict[str, Any]:
+    """What the demonstration tells; flown again, at most twice, where the machine stood still meanwhile."""
+    options = ("-c", str(ROOT / "configs/demo.yaml"), "-o", str(picture), "--json", "--set", "simulation.speed=2")
+    for _ in range(3):
+        run = subprocess.run(
+            [sys.executable, "-m", "swingd", "demo", *options],
+            capture_output=True,
+            text=True,
+            timeout=400,
+            cwd=picture.parent,
+        )
+        assert run.returncode == 0, run.stderr
+        told: dict[str, Any] = json.loads(run.stdout.splitlines()[-1])
+        if told["setpoint_gap_ms"] <= STALL_MS:
+            break
+    return told
 
 
 @pytest.mark.live
 @pytest.mark.alone
 def test_demo_damps_the_swing_and_tells_it_as_json(tmp_path: Path) -> None:
     picture = tmp_path / "demo.png"
-    config = str(ROOT / "configs/demo.yaml")
-    options = ("-c", config, "-o", str(picture), "--json", "--set", "simulation.speed=2")
-    run = subprocess.run(
-        [sys.executable, "-m", "swingd", "demo", *options],
-        capture_output=True,
-        text=True,
-        timeout=400,
-        cwd=tmp_path,
-    )
-    assert run.returncode == 0, run.stderr
-    told = json.loads(run.stdout.splitlines()[-1])
+    told = fly(picture)
     assert told["rms_deg_on"] <= 0.45 * told["rms_deg_off"]
     assert told["settle_2deg_s_on"] <= 1.1 * told["period_s"]
     assert told["settle_2deg_s_off"] >= 5.0 * told["period_s"]

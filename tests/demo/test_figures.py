@@ -20,7 +20,9 @@ DAEMON: dict[str, float | None] = {
 }
 
 
-def flight(peak_deg: float, decay_s: float, late_mps: float, bias_deg: float = 0.0) -> Flight:
+def flight(
+    peak_deg: float, decay_s: float, late_mps: float, bias_deg: float = 0.0, setpoint_gap_s: float = 0.02
+) -> Flight:
     """After each step the swing falls exponentially from its peak and the velocity is ``late_mps`` too low."""
     t = 80.01 + 0.02 * np.arange(3200)  # no sample falls on a step
     since = np.where(t < 122.0, t - 100.0, t - 122.0)
@@ -38,6 +40,7 @@ def flight(peak_deg: float, decay_s: float, late_mps: float, bias_deg: float = 0
         estimate_t_s=t,
         estimate_rad=angles + math.radians(bias_deg),
         estimate_rates_radps=np.zeros_like(angles),
+        setpoint_gap_s=setpoint_gap_s,
         daemon=DAEMON,
     )
 
@@ -65,3 +68,10 @@ def test_a_swing_that_never_settles_takes_the_whole_window() -> None:
 def test_the_estimate_is_judged_over_both_axes_and_both_flights() -> None:
     f = figures(Parameters(), flight(30.0, 4.0, 0.5, bias_deg=1.0), flight(20.0, 1.0, 0.6, bias_deg=0.0))
     assert f.angle_rmse_deg == pytest.approx(math.sqrt(0.5), rel=1e-6)
+
+
+@pytest.mark.parametrize(("gaps_s", "stalled"), [((0.02, 0.09), False), ((0.02, 0.2), True), ((0.2, 0.02), True)])
+def test_a_flight_on_a_machine_that_stood_still_says_so(gaps_s: tuple[float, float], stalled: bool) -> None:
+    f = figures(Parameters(), *(flight(30.0, 4.0, 0.5, setpoint_gap_s=gap_s) for gap_s in gaps_s))
+    assert f.setpoint_gap_ms == pytest.approx(1e3 * max(gaps_s))
+    assert f.stalled is stalled
