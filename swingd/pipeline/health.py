@@ -231,13 +231,13 @@ class HealthWatch:
             return Assessment(Health.FAULT, f"no HEARTBEAT for more than {HEARTBEAT_LOST_S:g} s")
         if len(self._resets_s) == 3 and t_mono_s - self._resets_s[0] < 10.0:
             return Assessment(Health.FAULT, "the filter diverged three times in 10 s")
-        if payload in (PayloadState.ON_GROUND, PayloadState.SLACK):
+        if not payload.hangs:
             return Assessment(Health.INIT, payload.value)
         if self._settled_s < SETTLE_S or self._std_rad > ANGLE_STD_READY_RAD:
             return Assessment(Health.INIT, "the estimate is settling")
         if imu_s > LATE_S or attitude_s > LATE_S:
             return Assessment(Health.DEGRADED, "IMU or attitude late")
-        if payload is PayloadState.ASSUMED:
+        if payload is PayloadState.UNKNOWN:
             return Assessment(Health.DEGRADED, payload.value)
         if self.round_trip.is_slow(t_mono_s):
             return Assessment(Health.DEGRADED, f"link slower than {ROUND_TRIP_MAX_S:g} s there and back")

@@ -32,10 +32,19 @@ class PayloadState(Enum):
     ON_GROUND = "vehicle on ground"
     """Or nothing is known yet."""
     SLACK = "cable slack"
-    """The vehicle flies and the cable carries nothing: not lifted yet, set down, or released."""
-    ASSUMED = "load assumed, the thrust does not show it"
-    """The vehicle has been in the air for long since the take-off; good enough to estimate, not to correct."""
+    """The vehicle flies and the cable carries nothing: the load is not lifted yet, or there is none."""
+    UNKNOWN = "load unknown"
+    """It may hang, but nothing has shown it: good enough to estimate, not to correct."""
     ATTACHED = "load attached"
+    RELEASED = "load released"
+    """It hung, and was lost in the air."""
+    TOUCHED_DOWN = "load set down"
+    """It hung, and its weight went to the ground."""
+
+    @property
+    def hangs(self) -> bool:
+        """Whether there is a swing to estimate."""
+        return self in (PayloadState.ATTACHED, PayloadState.UNKNOWN)
 
 
 class PayloadWatch:
@@ -130,14 +139,14 @@ class PayloadWatch:
                     y + blend * (self._mass_kg * acc_level[1] - force_n[1] - y),
                 )
             if self._slack_s > ASSUMED_AFTER_S and not self._was_attached:
-                return self._become(PayloadState.ASSUMED)
+                return self._become(PayloadState.UNKNOWN)
         return False
 
     def _without_thrust(self, landed: LandedState) -> bool:
         """Only the land detector tells; the load is known to hang where the configuration presumes it."""
         if self.state is not PayloadState.ON_GROUND or landed not in (LandedState.IN_AIR, LandedState.TAKING_OFF):
             return False
-        return self._become(PayloadState.ATTACHED if self._presumed else PayloadState.ASSUMED)
+        return self._become(PayloadState.ATTACHED if self._presumed else PayloadState.UNKNOWN)
 
     def _slack_level_n(self) -> float:
         """What the thrust curve's error feigns without the load; 0 where that was not seen."""

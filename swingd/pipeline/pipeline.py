@@ -367,7 +367,7 @@ class Pipeline:
         if self._payload.state is PayloadState.ATTACHED:
             self._calibration.restart()
             self._reset(ResetReason.LIFT, self._payload.force_n)
-        elif self._payload.state is PayloadState.ASSUMED:
+        elif self._payload.state is PayloadState.UNKNOWN:
             self._reset(ResetReason.LIFT)
         elif self._estimating:
             self._reset(ResetReason.SLACK)
@@ -376,7 +376,7 @@ class Pipeline:
     @property
     def _hangs(self) -> bool:
         """Whether there is a swing to estimate."""
-        return self._payload.state in (PayloadState.ATTACHED, PayloadState.ASSUMED)
+        return self._payload.state.hangs
 
     def _calibrate(self, dt_s: float, tilt: Tilt, curve_n: float, acc_down_mps2: float) -> None:
         blend = dt_s / (dt_s + QUIET_TIME_CONSTANT_S)

@@ -154,7 +154,7 @@ def test_the_first_ones_pass_until_a_stream_is_known_and_a_step_has_agreed() -> 
         {"situation": {"health": Health.DEGRADED}},
         {"situation": {"health": Health.FAULT}},
         {"situation": {"payload": PayloadState.SLACK}},
-        {"situation": {"payload": PayloadState.ASSUMED}},
+        {"situation": {"payload": PayloadState.UNKNOWN}},
         {"situation": {"gap": True}},
         {"mode": FlightMode.OTHER},
         {"mode": FlightMode.UNKNOWN},

@@ -191,7 +191,7 @@ def test_it_waits_for_both_inputs_then_for_the_filter() -> None:
     [
         (PayloadState.ON_GROUND, Health.INIT),
         (PayloadState.SLACK, Health.INIT),
-        (PayloadState.ASSUMED, Health.DEGRADED),
+        (PayloadState.UNKNOWN, Health.DEGRADED),
         (PayloadState.ATTACHED, Health.READY),
     ],
 )

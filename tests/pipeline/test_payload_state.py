@@ -95,13 +95,13 @@ def test_a_curve_that_never_shows_the_load_lets_it_be_assumed_only() -> None:
     watch = PayloadWatch(Parameters())
     fly(watch, 0.02, VEHICLE_N)
     assert fly(watch, ASSUMED_AFTER_S - 0.1, VEHICLE_N) == []
-    assert fly(watch, 0.3, VEHICLE_N) == [PayloadState.ASSUMED]
+    assert fly(watch, 0.3, VEHICLE_N) == [PayloadState.UNKNOWN]
     assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == [PayloadState.ATTACHED], "until the thrust shows it"
 
 
 @pytest.mark.parametrize(
     ("source", "state"),
-    [(ThrustSource.AUTO, PayloadState.ASSUMED), (ThrustSource.REMARK_1, PayloadState.ATTACHED)],
+    [(ThrustSource.AUTO, PayloadState.UNKNOWN), (ThrustSource.REMARK_1, PayloadState.ATTACHED)],
 )
 def test_without_a_thrust_stream_the_land_detector_tells(source: ThrustSource, state: PayloadState) -> None:
     watch = PayloadWatch(replace(Parameters(), thrust=replace(Parameters().thrust, source=source)))
