@@ -19,7 +19,7 @@ EVERY = list(
 
 def test_every_combination() -> None:
     allowed = {values for values in EVERY if may_correct(Conditions(*values))}
-    assert len(EVERY) == 3 * 2 * 2 * 3 * 4 * 5 * 2
+    assert len(EVERY) == 3 * 2 * 2 * 3 * len(PayloadState) * 5 * 2
     assert allowed == {
         (mode, True, True, FlightMode.OFFBOARD, PayloadState.ATTACHED, health, True)
         for mode in (Mode.HOLD, Mode.INLINE)
