@@ -113,6 +113,17 @@ class Commander:
         """References from outside that mode `hold` did not take."""
         return self._hold.refused
 
+    @property
+    def flight_mode(self) -> FlightMode:
+        """The mode, where it was reported lately."""
+        return self._flight_mode
+
+    def conditions(self, payload: PayloadState, health: Health) -> Conditions:
+        """Everything that decides whether a correction may leave."""
+        return Conditions(
+            self._parameters.mode, self._enabled, self._armed, self._flight_mode, payload, health, self._asked()
+        )
+
     # ---- what is known
 
     def advance_clock(self, t_mono_s: float) -> None:
@@ -270,9 +281,7 @@ class Commander:
             # Copter takes off in GUIDED, and the first setpoint would end that wherever the vehicle is.
             self.drop()
             return None
-        allowed = not now.gap and may_correct(
-            Conditions(mode, self._enabled, self._armed, self._flight_mode, now.payload, now.health, self._asked())
-        )
+        allowed = not now.gap and may_correct(self.conditions(now.payload, now.health))
         self._willing = allowed and self._t_mono_s - self._steady_since_s > STEADY_S
         if mode is Mode.INLINE:
             if not self._meeting:

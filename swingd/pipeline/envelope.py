@@ -38,6 +38,21 @@ def may_correct(conditions: Conditions) -> bool:
     )
 
 
+def withheld_by(conditions: Conditions) -> tuple[str, ...]:
+    """Name every condition that does not hold, for people; empty where `may_correct` says yes."""
+    flying = conditions.flight_mode is FlightMode.OFFBOARD
+    reasons = (
+        (conditions.mode is Mode.SHADOW, "mode shadow"),
+        (not conditions.enabled, "switched off"),
+        (not conditions.armed, "not armed"),
+        (not flying, f"flight mode is {conditions.flight_mode.value}"),
+        (conditions.payload is not PayloadState.ATTACHED, f"payload: {conditions.payload.value}"),
+        (conditions.health not in (Health.READY, Health.ACTIVE), f"health is {conditions.health.value}"),
+        (not conditions.asked, "nobody asks for a setpoint that can be corrected"),
+    )
+    return tuple(text for withholds, text in reasons if withholds)
+
+
 class Fade:
     """The one ramp between nothing and the whole correction."""
 

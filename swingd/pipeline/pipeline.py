@@ -28,6 +28,7 @@ from swingd.model.events import (
     Battery,
     CorrectionSwitch,
     Event,
+    FlightMode,
     Imu,
     Landed,
     LandedState,
@@ -46,7 +47,8 @@ from swingd.model.events import (
 from swingd.model.parameters import Mode, Parameters, ThrustSource
 from swingd.pipeline.commander import Commander, Situation
 from swingd.pipeline.correction import turn
-from swingd.pipeline.health import Assessment, HealthWatch, StreamWatch
+from swingd.pipeline.envelope import withheld_by
+from swingd.pipeline.health import Assessment, HealthWatch, StreamState, StreamWatch
 from swingd.pipeline.payload_state import PayloadState, PayloadWatch
 from swingd.pipeline.sampling import AttitudeTracker, ImuInterval, ImuSampler, Tilt
 from swingd.pipeline.thrust import ScaleCalibration, ThrustModel, ThrustReading
@@ -155,6 +157,36 @@ class Pipeline:
     def resets(self) -> dict[ResetReason, int]:
         """How often the estimator began anew, by reason."""
         return self._estimator.resets
+
+    @property
+    def armed(self) -> bool | None:
+        """Whether the autopilot is armed; None before its first HEARTBEAT."""
+        return self._armed
+
+    @property
+    def flight_mode(self) -> FlightMode:
+        """The autopilot's mode, where it was reported lately."""
+        return self._commander.flight_mode
+
+    @property
+    def payload(self) -> PayloadState:
+        """What hangs below the vehicle."""
+        return self._payload.state
+
+    @property
+    def correcting(self) -> bool:
+        """Whether a correction is in the setpoints, one that fades included."""
+        return self._commander.active
+
+    @property
+    def withheld_by(self) -> tuple[str, ...]:
+        """Every condition that keeps the correction off, for people; empty where it may leave."""
+        reasons = withheld_by(self._commander.conditions(self._payload.state, self._assessment.health))
+        return reasons if self._commander.law_acts else (*reasons, "no gains help this vehicle")
+
+    def inputs(self, t_mono_s: float) -> tuple[StreamState, ...]:
+        """Return age and rate of every stream that is asked for, at a time of the host's monotonic clock [s]."""
+        return tuple(self._streams.state(stream, t_mono_s) for stream in self._streams.rates_hz)
 
     def step(self, event: Event) -> list[Action]:
         """Take one event; return the actions that it causes, in the order in which they are to be sent."""

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from swingd.model.actions import Health
 from swingd.model.events import FlightMode
 from swingd.model.parameters import Control, Mode
-from swingd.pipeline.envelope import Conditions, Fade, may_correct
+from swingd.pipeline.envelope import Conditions, Fade, may_correct, withheld_by
 from swingd.pipeline.payload_state import PayloadState
 
 EVERY = list(
@@ -48,6 +48,12 @@ def test_the_fade_stays_within_its_slope(fade_in_s: float, fade_out_s: float, st
         assert (after >= before) if allowed else (after <= before)
         ramp_s = fade_in_s if allowed else fade_out_s
         assert abs(after - before) * ramp_s <= dt_s * (1.0 + 1e-9)
+
+
+def test_what_withholds_a_correction_is_named_exactly_where_one_is_withheld() -> None:
+    for values in EVERY:
+        conditions = Conditions(*values)
+        assert bool(withheld_by(conditions)) is not may_correct(conditions), conditions
 
 
 def test_other_ramps_are_taken_where_the_fade_stands() -> None:
