@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +13,7 @@ from swingd.model.parameters import SimulatedKind
 
 if TYPE_CHECKING:
     from swingd.model.parameters import Parameters
+    from swingd.sim.faults import Fault
     from swingd.sim.outlets import Outside
 
 EXAMPLES = """\b
@@ -21,12 +22,14 @@ Examples:
   swingd sim --set 'simulation.wind_ned_mps=[4, 0, 0]' --set simulation.gust_std_mps=1 --truth truth.csv
   swingd sim --ground-station udpout://127.0.0.1:14550
   swingd sim --mavlink udpout://127.0.0.1:14550 --speed 3
+  swingd sim --fault 'loss 0.2 30..40' --fault 'gap 50..50.3' --fault 'gust 12 60..'
   swingd sim --console 4559 --truth-stream udp://127.0.0.1:9870
   swingd sim -c configs/iris.yaml --hil px4 --console 4559
   swingd sim --hil ardupilot --instance 1 --set payload.mass_kg=0.5 --truth truth.csv
 \b
 Commands while it runs, on this terminal and on the console's port (printf 'wind 4 0\\n' | nc -q 1 localhost 4559):
-  wind N E [D] | gust STD [TIME [SEED]] | release | hook | kick N E [D] | mass KG | length M | status | help
+  wind N E [D] | gust STD [TIME [SEED]] | release | hook | kick N E [D] | mass KG | length M | status | \
+fault [TEXT] | help
 """
 
 _LOOPBACK = "127.0.0.1"
@@ -82,6 +85,16 @@ def sim(
             help="Take commands on this TCP port of 127.0.0.1, one line in, one line out; 0: any free port.",
         ),
     ] = None,
+    faults: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fault",
+            metavar="TEXT",
+            help="Inject a fault: KIND [STRENGTH] [START..END] in simulated seconds; repeatable. "
+            "KIND: loss, gap, duplicate, reorder, jitter, delay, corrupt, nan, clock, imu_frozen, acc_bias, vibration, "
+            "voltage, voltage_frozen, sag, attitude, yaw, reboot, gust, slack, power, rival, flood.",
+        ),
+    ] = None,
     speed: Annotated[
         float | None, typer.Option("--speed", metavar="X", help="Simulated over real time instead of simulation.speed.")
     ] = None,
@@ -95,7 +108,7 @@ def sim(
     With a simulated PX4 or Copter (simulation.autopilot) on its MAVLink link, for swingd or any other MAVLink tool; or,
     with --hil, as the external simulator of a real PX4 or ArduPilot in SITL.
     """
-    _refuse_what_does_not_go_together(hil, instance, host, mavlink, ground_station)
+    _refuse_what_does_not_go_together(hil, instance, host, mavlink, ground_station, faults)
     from swingd.config.loader import load_parameters
 
     settings = list(overrides or ())
@@ -113,7 +126,10 @@ def sim(
 
     outside = Outside(truth_file=truth, truth_url=truth_stream, console=console, keyboard=True, say=_say)
     if hil is None:
-        running = _simulate_autopilot(parameters, outside, duration_s)
+        from swingd.sim.faults import parse_fault
+
+        injected = [parse_fault(text) for text in faults or ()]
+        running = _simulate_autopilot(parameters, outside, injected, duration_s)
     else:
         running = _serve_autopilot(hil, parameters, instance or 0, host or _LOOPBACK, outside, duration_s)
     with asyncio.Runner(loop_factory=process.event_loop_factory()) as runner:
@@ -133,6 +149,7 @@ def _refuse_what_does_not_go_together(
     host: str | None,
     mavlink: str | None,
     ground_station: str | None,
+    faults: list[str] | None,
 ) -> None:
     if hil is None:
         for option, value in (("--instance", instance), ("--host", host)):
@@ -148,10 +165,15 @@ def _refuse_what_does_not_go_together(
                 "the real autopilot has its MAVLink links itself",
                 param_hint=option,
             )
+    if faults:
+        raise typer.BadParameter(
+            f"{faults[0]!r} given with --hil {hil.value}; expected no faults, they are the simulated autopilot's",
+            param_hint="--fault",
+        )
 
 
 def _simulate_autopilot(
-    parameters: "Parameters", outside: "Outside", duration_s: float | None
+    parameters: "Parameters", outside: "Outside", faults: "Sequence[Fault]", duration_s: float | None
 ) -> Coroutine[Any, Any, object]:
     from swingd.sim.run import run_simulation
 
@@ -160,7 +182,9 @@ def _simulate_autopilot(
         f"simulated {_NAMES[simulation.autopilot]} on {simulation.mavlink}, local port {simulation.mavlink_bind_port}, "
         f"{simulation.speed:g} times real time; Ctrl-C stops"
     )
-    return run_simulation(parameters, outside=outside, duration_s=duration_s)
+    for fault in faults:
+        _say(f"fault: {fault}")
+    return run_simulation(parameters, outside=outside, faults=faults, duration_s=duration_s)
 
 
 def _serve_autopilot(

@@ -6,6 +6,8 @@ from math import degrees
 
 from swingd.model.errors import ConfigurationError
 from swingd.model.events import Vec3
+from swingd.sim.faults import KINDS, Faults, parse_fault
+from swingd.sim.faults import USAGE as FAULT_USAGE
 from swingd.sim.plant import WINCH_MPS, Plant
 
 _SHOWN_MAX = 60
@@ -29,10 +31,13 @@ class Console:
     ----------
     plant : Plant
         What the commands change.
+    faults : Faults, optional
+        Of a simulated autopilot; a real one has its own, and takes none from here.
     """
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: Plant, faults: Faults | None = None) -> None:
         self._plant = plant
+        self._faults = faults
 
     def execute(self, line: str) -> str:
         """Obey one line; never raises, whatever it says.
@@ -54,6 +59,11 @@ class Console:
         name, given = words[0].lower(), _shown(words)
         if name == "help":
             return _help(words[1:])
+        if name == "fault":
+            try:
+                return f"ok {self._fault(words[1:])}"
+            except ConfigurationError as error:
+                return f"error: {error}"
         command = _COMMANDS.get(name)
         if command is None:
             return f"error: {given}: no such command; expected one of {_NAMES}"
@@ -70,6 +80,19 @@ class Console:
             return f"ok {command.run(self._plant, numbers)}"
         except ConfigurationError as error:
             return f"error: {given}: {error}"
+
+    def _fault(self, words: list[str]) -> str:
+        faults = self._faults
+        if faults is None:
+            raise ConfigurationError("fault: the autopilot is a real one; expected a simulated one")
+        if words == ["off"]:
+            faults.clear()
+            return "no faults"
+        if words:
+            fault = parse_fault(" ".join(words)).after(self._plant.t_s)
+            faults.inject(fault)
+            return f"fault {fault}"
+        return "; ".join(map(str, faults.at_work + faults.planned)) or "no faults"
 
 
 def _wind(plant: Plant, numbers: list[float]) -> str:
@@ -140,14 +163,20 @@ _COMMANDS: Mapping[str, _Command] = {
     "length": _Command("length M", "let a winch change the cable's length [m]", (1,), _length),
     "status": _Command("status", "what is so now", (0,), _status),
 }
-_NAMES = ", ".join((*_COMMANDS, "help"))
-USAGE = " | ".join((*(command.usage for command in _COMMANDS.values()), "help [COMMAND]"))
+_FAULT = "fault [TEXT]"
+_NAMES = ", ".join((*_COMMANDS, "fault", "help"))
+USAGE = " | ".join((*(command.usage for command in _COMMANDS.values()), _FAULT, "help [COMMAND]"))
 """Every command."""
 
 
 def _help(words: list[str]) -> str:
     if not words:
         return f"ok {USAGE}"
+    if words[0].lower() == "fault":
+        return (
+            f"ok {_FAULT}: show all faults, end them (off), or inject one: {FAULT_USAGE}, times counted from now [s]; "
+            f"KIND: {', '.join(KINDS)}"
+        )
     command = _COMMANDS.get(words[0].lower())
     if command is None:
         return f"error: {_shown(['help', *words])}: no such command; expected one of {_NAMES}"

@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 
 from swingd.model.errors import LinkOpenError, LinkUrlError, SwingdError
 from swingd.sim.console import Console
+from swingd.sim.faults import Faults
 from swingd.sim.plant import DT_S, Plant, Truth
 from swingd.sim.truth import COLUMNS, TruthWriter, truth_row
 
@@ -92,7 +93,7 @@ class Outlets:
 
 
 @contextlib.asynccontextmanager
-async def open_outlets(plant: Plant, outside: Outside) -> AsyncIterator[Outlets]:
+async def open_outlets(plant: Plant, outside: Outside, faults: Faults | None = None) -> AsyncIterator[Outlets]:
     """Open the outlets of a simulation and close them at the end.
 
     Parameters
@@ -101,6 +102,8 @@ async def open_outlets(plant: Plant, outside: Outside) -> AsyncIterator[Outlets]
         What is simulated.
     outside : Outside
         What is wanted.
+    faults : Faults, optional
+        Of the simulated autopilot, where it is one.
 
     Raises
     ------
@@ -118,7 +121,7 @@ async def open_outlets(plant: Plant, outside: Outside) -> AsyncIterator[Outlets]
             outside.say(f"truth, {STREAM_HZ:g} times a simulated second, to {outside.truth_url}")
         if outside.truth_file is not None:
             writer = stack.enter_context(contextlib.closing(_TruthFile(outside.truth_file)))
-        console = Console(plant)
+        console = Console(plant, faults)
         if outside.console is not None:
             port = await stack.enter_async_context(_serve(console, outside.console))
             outside.say(f"commands: TCP port {port} of {CONSOLE_HOST}; help lists them")

@@ -8,17 +8,20 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link import swing_message
-from swingd.link.codec import Frame
+from swingd.link.codec import Frame, Framer
 from swingd.model.parameters import Parameters, SimulatedKind
 from swingd.sim.autopilot import Autopilot
 from swingd.sim.copter import Copter
 from swingd.sim.face import CompanionLog, Face, text_of
+from swingd.sim.fault_effects import Direction
+from swingd.sim.faults import Faults
 from swingd.sim.missions import Missions
 from swingd.sim.parameter_table import ParameterTable
 from swingd.sim.plant import DT_S, Plant, Truth
 from swingd.sim.px4 import Px4
 from swingd.sim.px4_parameters import Px4Parameters
 from swingd.sim.sensors import Battery, Sensors
+from swingd.sim.vibration import Vibration
 from swingd.sim.wire import Wire
 
 SYSTEM_ID = 1
@@ -80,6 +83,8 @@ class SimulatedAutopilot:
         simulation = parameters.simulation
         self.plant = Plant(parameters)
         """The truth."""
+        self.faults = Faults(simulation.seed)
+        """What goes wrong."""
         self.companion = CompanionLog()
         """What was received from companions."""
         make_face = _FACES[simulation.autopilot]
@@ -95,6 +100,9 @@ class SimulatedAutopilot:
         self._ground_station = Wire(GROUND_STATION_SYSTEM_ID, GROUND_STATION_COMPONENT_ID, *signing)
         self._inbox: deque[tuple[int, Frame]] = deque()
         self._outbox: list[bytes] = []
+        self._sent: list[bytes] = []
+        self._entering: list[bytes] = []
+        self._framer = Framer()
         self._silent_until_step = 0
         self._heartbeat_us = _LONG_AGO_US
         self._handlers: dict[int, Callable[[Frame, Any], None]] = {
@@ -124,6 +132,11 @@ class SimulatedAutopilot:
     def battery(self) -> Battery:
         """The pack."""
         return self._onboard.battery
+
+    @property
+    def vibration(self) -> Vibration:
+        """What the rotors do to the accelerometer."""
+        return self._sensors.vibration
 
     @property
     def parameters(self) -> ParameterTable:
@@ -160,6 +173,12 @@ class SimulatedAutopilot:
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the link; they take effect when PX4 would have read them, 8 ms later. Never raises."""
+        if self.faults.on_link:
+            self._entering += [frame.raw for frame in self._framer.receive(data)]
+        else:
+            self._take(data)
+
+    def _take(self, data: bytes) -> None:
         due = self._onboard.steps + _RECEIVE_DELAY_STEPS
         for frame in self._wire.receive(data):
             self._inbox.append((due, frame))
@@ -170,12 +189,18 @@ class SimulatedAutopilot:
         onboard = self._onboard
         while onboard.steps < target:
             self._step()
-        frames, self._outbox = self._outbox, []
+        frames, self._sent = self._sent, []
         return frames
 
     def send_to_companion(self, message: Any) -> None:
         """Put a message of pymavlink on the link as a ground station behind the autopilot would (system 255)."""
         self._outbox.append(self._ground_station.encode(message, self.t_s))
+
+    def say_beside(self, message: Any) -> None:
+        """Let that ground station send a message of pymavlink to the autopilot, which passes it on to its link."""
+        frame = self._ground_station.encode(message, self.t_s)
+        self._outbox.append(frame)
+        self._take(frame)
 
     def reboot(self) -> None:
         """Restart the autopilot: silence for 3 s, then a clock from zero and default streams; parameters stay."""
@@ -189,7 +214,12 @@ class SimulatedAutopilot:
 
     def _step(self) -> None:
         """One IMU sample: read the link, fly, send what is due."""
-        onboard = self._onboard
+        onboard, faults = self._onboard, self.faults
+        faults.step(self)
+        if faults.on_link or self._entering:
+            entering, self._entering = self._entering, []
+            for data in faults.carry(Direction.TO_AUTOPILOT, self.t_s, entering):
+                self._take(data)
         onboard.steps += 1
         inbox = self._inbox
         while inbox and inbox[0][0] <= onboard.steps:
@@ -200,13 +230,19 @@ class SimulatedAutopilot:
         autopilot = onboard.autopilot
         voltage_v = onboard.battery.voltage_v
         rotors = autopilot.step(onboard.sensed)
+        for effect in faults.effects:
+            rotors = effect.drive(rotors)
         armed = autopilot.armed
         self.plant.step(rotors, voltage_v, spinning=armed)
         onboard.battery.step(DT_S, armed=armed)
         onboard.sensed = self._sensors.step(self.plant.state, self.plant.output)
+        for effect in faults.effects:
+            effect.sense(onboard.sensed)
         onboard.data_us = onboard.now_us
         if not early:
             self._send_due()
+        leaving, self._outbox = self._outbox, []
+        self._sent += faults.carry(Direction.TO_COMPANION, self.t_s, leaving) if faults.on_link else leaving
 
     def _send_due(self) -> None:
         """One turn of the sending thread; it sends what is due and newer than what it sent before."""
@@ -228,6 +264,8 @@ class SimulatedAutopilot:
         return self._early.pop()
 
     def _send(self, message: Any) -> None:
+        for effect in self.faults.effects:
+            effect.say(message)
         self._outbox.append(self._wire.encode(message, self.t_s))
 
     # ---------------------------------------------------------------- inputs

@@ -117,6 +117,7 @@ class Plant:
         self._gust_time_s = simulation.gust_time_constant_s
         self._random = _gust_generator(simulation.seed)
         self._gust = [0.0, 0.0]
+        self._squall: Vec3 = (0.0, 0.0, 0.0)
         self._winch_target_m: float | None = None
         self._x = np.zeros(PlantState.SIZE)
         self._y = np.zeros(PlantOutput.SIZE)
@@ -297,6 +298,11 @@ class Plant:
         self._gust_std_mps = std_mps
         self._mix_wind()
 
+    def set_squall(self, squall_ned_mps: Vec3) -> None:
+        """Let the air move by this besides mean wind and gusts [m/s], until it is told otherwise."""
+        self._squall = squall_ned_mps
+        self._mix_wind()
+
     def set_load_mass(self, mass_kg: float) -> None:
         """Change the load's mass at once; it keeps its place and its velocity.
 
@@ -460,8 +466,8 @@ class Plant:
 
     def _mix_wind(self) -> None:
         for i in range(2):
-            self._u[PlantInput.WIND + i] = self._wind[i] + self._gust[i]
-        self._u[PlantInput.WIND + 2] = self._wind[2]
+            self._u[PlantInput.WIND + i] = self._wind[i] + self._gust[i] + self._squall[i]
+        self._u[PlantInput.WIND + 2] = self._wind[2] + self._squall[2]
 
     def _wind_cable(self, target_m: float, dt_s: float) -> None:
         """Choose the winch's speed for the coming step."""

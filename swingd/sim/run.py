@@ -1,9 +1,10 @@
 """The simulated autopilot on a real link, in real time or faster."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from swingd.link.transport import Transport, open_transport
 from swingd.model.parameters import Parameters
+from swingd.sim.faults import Fault
 from swingd.sim.outlets import Outlets, Outside, open_outlets
 from swingd.sim.pace import Pace
 from swingd.sim.peer import SimulatedAutopilot
@@ -16,6 +17,7 @@ async def run_simulation(
     peer: SimulatedAutopilot | None = None,
     autopilot_parameters: Mapping[str, float] | None = None,
     outside: Outside | None = None,
+    faults: Iterable[Fault] = (),
     duration_s: float | None = None,
     on_step: Callable[[SimulatedAutopilot], None] | None = None,
 ) -> SimulatedAutopilot:
@@ -32,6 +34,8 @@ async def run_simulation(
         The autopilot's own parameters other than the defaults, for a new peer.
     outside : Outside, optional
         What of the simulation is open to the world besides its links; by default nothing.
+    faults : iterable of Fault
+        What goes wrong, by the peer's time.
     duration_s : float, optional
         Simulated time to run [s].
     on_step : callable, optional
@@ -53,6 +57,7 @@ async def run_simulation(
     """
     if peer is None:
         peer = SimulatedAutopilot(parameters, autopilot_parameters)
+    peer.faults.inject(*faults)
     simulation = parameters.simulation
     links: list[Transport] = []
 
@@ -80,7 +85,7 @@ async def run_simulation(
     try:
         if simulation.ground_station != "none":
             links.append(await open_transport(simulation.ground_station, receiver(1), queue_bytes=1 << 16))
-        async with open_outlets(peer.plant, outside or Outside()) as outlets:
+        async with open_outlets(peer.plant, outside or Outside(), peer.faults) as outlets:
             await _fly(peer, Pace(simulation.speed), send, outlets, duration_s, on_step)
     finally:
         for link in links:

@@ -52,6 +52,10 @@ class Battery:
         self._empty_v = simulation.battery_empty_v
         self._drain_s = simulation.battery_drain_s
         self._armed_s = 0.0
+        self.sag = 0.0
+        """Share of the voltage that the pack lacks and does not report, 0..1."""
+        self.claimed_v: float | None = None
+        """What is reported instead of the voltage [V]; None: the voltage, sag apart."""
 
     def step(self, dt_s: float, *, armed: bool) -> None:
         """Drain for ``dt_s`` if armed."""
@@ -66,6 +70,15 @@ class Battery:
     @property
     def voltage_v(self) -> float:
         """Voltage of the pack [V]."""
+        return (1.0 - self.sag) * self._loaded_v
+
+    @property
+    def reported_v(self) -> float:
+        """Voltage that the autopilot reports [V]."""
+        return self._loaded_v if self.claimed_v is None else self.claimed_v
+
+    @property
+    def _loaded_v(self) -> float:
         return self._empty_v + self.remaining * (self._full_v - self._empty_v)
 
 
@@ -86,7 +99,8 @@ class Sensors:
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         self._normal = _Normals(np.random.default_rng((simulation.seed, 2)))
-        self._vibration = Vibration(simulation)
+        self.vibration = Vibration(simulation)
+        """Of the rotors."""
         self._steps = 0
         self._bias = [simulation.acc_bias_mps2 * self._normal() for _ in range(3)]
         self._bias_learnt = list(self._bias)
@@ -111,7 +125,7 @@ class Sensors:
             for i in range(3):
                 bias[i] += -decay * bias[i] + drive * normal()
                 learnt[i] += DT_S / _BIAS_LEARNING_S * (bias[i] - learnt[i])
-        shaken = self._vibration.sample(self._steps * DT_S, state[PlantState.ROTOR : PlantState.ROTOR + 4])
+        shaken = self.vibration.sample(self._steps * DT_S, state[PlantState.ROTOR : PlantState.ROTOR + 4])
         self._steps += 1
         acc = (
             output[y] + bias[0] - learnt[0] + shaken[0] + acc_std * normal(),

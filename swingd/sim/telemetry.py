@@ -189,7 +189,7 @@ class Telemetry:
             _HEALTHY,
             _HEALTHY,
             100,
-            min(65534, round(1000.0 * battery.voltage_v)),
+            min(65534, round(1000.0 * battery.reported_v)),
             -1,
             round(100.0 * battery.remaining),
             *(0, 0, 0, 0, 0, 0),
@@ -199,7 +199,7 @@ class Telemetry:
         """Make BATTERY_STATUS."""
         battery = self._onboard.battery
         # The whole pack stands in the first cell's field, as PX4 and Copter do without cell voltages.
-        voltages = [min(65534, round(1000.0 * battery.voltage_v))] + [_UNUSED] * 9
+        voltages = [min(65534, round(1000.0 * battery.reported_v))] + [_UNUSED] * 9
         return mavlink.MAVLink_battery_status_message(
             0,
             mavlink.MAV_BATTERY_FUNCTION_ALL,

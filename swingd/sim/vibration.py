@@ -30,8 +30,8 @@ class Vibration:
 
     def __init__(self, simulation: Simulation) -> None:
         random = np.random.default_rng((simulation.seed, 4))
-        # Four lines of half the amplitude have the power of one.
-        self._amplitude = 0.5 * simulation.vibration_mps2 / _REFERENCE_THROTTLE**2
+        self.amplitude_mps2 = simulation.vibration_mps2
+        """Given to each axis at half throttle; may be changed at any time."""
         speeds = (
             2.0 * pi * simulation.vibration_hz / _REFERENCE_THROTTLE * (1.0 + _SPEED_STD * random.standard_normal(4))
         )
@@ -50,15 +50,17 @@ class Vibration:
         rotors_throttle : (4,)
             Throttle to which each rotor's present speed belongs, 0..1, in PX4's numbering.
         """
-        if self._amplitude == 0.0:
+        if self.amplitude_mps2 == 0.0:
             return (0.0, 0.0, 0.0)
+        # Four lines of half the amplitude have the power of one.
+        amplitude = 0.5 * self.amplitude_mps2 / _REFERENCE_THROTTLE**2
         passed_s = 0.0 if self._t_s is None else t_s - self._t_s
         self._t_s = t_s
         forward = right = down = 0.0
         for i, throttle in enumerate(rotors_throttle):
             phase = (self._phases[i] + self._speeds[i] * throttle * passed_s) % (2.0 * pi)
             self._phases[i] = phase
-            force = self._amplitude * throttle * throttle
+            force = amplitude * throttle * throttle
             forward += force * cos(phase)
             right -= force * ROTOR_SPIN[i] * sin(phase)
             down += force * cos(phase + self._lags[i])

@@ -8,12 +8,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from swingd.cli.main import app
 from swingd.cli.sim import EXAMPLES, _start_command
 from swingd.model.parameters import SimulatedKind
 from swingd.sim.console import USAGE
+from swingd.sim.faults import KINDS
 
 runner = CliRunner()
 
@@ -35,6 +37,7 @@ def test_the_help_lists_every_command_of_the_console() -> None:
             "--mavlink: udpout://h:1 given with --hil px4; expected no link",
         ),
         (["--hil", "ardupilot", "--ground-station", "udpout://h:1"], "--ground-station: udpout://h:1 given with --hil"),
+        (["--hil", "px4", "--fault", "gap"], "--fault: 'gap' given with --hil px4; expected no faults"),
         (["--console", "65536"], "Invalid value for '--console'"),
     ],
 )
@@ -43,6 +46,24 @@ def test_options_that_do_not_go_together_are_wrong_usage(arguments: list[str], m
     assert result.exit_code == 2
     assert message in " ".join(result.stderr.split())
     assert result.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("loss 1.5 10..20", "fault loss: strength 1.5 given; expected 0 to 1 (share of the frames)"),
+        ("los 0.5", "fault 'los': no such kind; expected one of loss, gap,"),
+    ],
+)
+def test_a_fault_that_is_not_understood_ends_it_before_it_flies(text: str, message: str) -> None:
+    result = runner.invoke(app, ["sim", "--fault", "gap 5..6", "--fault", text])
+    assert result.exit_code != 0
+    assert message in " ".join((result.stderr + str(result.exception)).split())
+
+
+def test_the_help_lists_every_kind_of_fault() -> None:
+    (option,) = (option for option in get_command(app).commands["sim"].params if option.name == "faults")
+    assert f"KIND: {', '.join(KINDS)}." in option.help
 
 
 async def started(*arguments: str) -> asyncio.subprocess.Process:

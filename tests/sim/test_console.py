@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from swingd.core.slung_plant import GRAVITY
 from swingd.sim.console import USAGE, Console
+from swingd.sim.faults import Faults
 from swingd.sim.plant import Plant
 
 from .rigs import iris
@@ -109,7 +110,11 @@ def test_case_and_blanks_do_not_matter(plant: Plant, console: Console) -> None:
 @pytest.mark.parametrize(
     ("line", "answer"),
     [
-        ("", "error: no command given; expected one of wind, gust, release, hook, kick, mass, length, status, help"),
+        (
+            "",
+            "error: no command given; expected one of "
+            "wind, gust, release, hook, kick, mass, length, status, fault, help",
+        ),
         ("wnd 1 2", "error: wnd 1 2: no such command; expected one of wind, gust, release"),
         ("wind", "error: wind: 0 numbers given; expected wind N E [D]: mean velocity of the air to north, east, down"),
         ("wind 1 2 3 4", "error: wind 1 2 3 4: 4 numbers given; expected wind N E [D]"),
@@ -136,6 +141,26 @@ def test_a_mistake_is_named_and_changes_nothing(plant: Plant, console: Console, 
     assert plant.truth() == before
 
 
+def test_faults_are_injected_shown_and_ended(plant: Plant) -> None:
+    faults = Faults(1)
+    console = Console(plant, faults)
+    assert console.execute("fault") == "ok no faults"
+    plant.step((0.5,) * 4, 16.2, spinning=True)
+    assert console.execute("fault loss 0.5 1..3") == "ok fault loss 0.5 (share of the frames) 1.00..3.00 s"
+    assert faults.planned[0].start_s == pytest.approx(plant.t_s + 1.0)
+    assert console.execute("fault gap").startswith("ok fault gap 0.00..")
+    assert console.execute("fault").count(";") == 1
+    assert console.execute("fault loss 2") == (
+        "error: fault loss: strength 2 given; expected 0 to 1 (share of the frames)"
+    )
+    assert console.execute("fault off") == "ok no faults"
+    assert faults.planned == ()
+
+
+def test_a_real_autopilot_takes_no_faults(console: Console) -> None:
+    assert console.execute("fault gap") == "error: fault: the autopilot is a real one; expected a simulated one"
+
+
 def words() -> st.SearchStrategy[str]:
     names = st.sampled_from(USAGE.replace("|", " ").split())
     numbers = st.one_of(st.floats().map(str), st.integers().map(str))
@@ -144,7 +169,7 @@ def words() -> st.SearchStrategy[str]:
 
 @pytest.fixture(scope="module")
 def any_console() -> Callable[[str], str]:
-    return Console(Plant(iris())).execute
+    return Console(Plant(iris()), Faults(1)).execute
 
 
 @given(line=st.one_of(st.text(), words()))
