@@ -274,6 +274,9 @@ class Control:
     displacement_max_m: float = quantity(
         2.0, "m", 0.0, 50.0, "largest correction of a position setpoint", mavlink="SWG_POS_MAX"
     )
+    height_min_m: float = quantity(
+        1.0, "m", 0.0, 1000.0, "above where it was armed, below which the correction stays off; 0: it is not looked at"
+    )
     fade_in_s: float = quantity(1.0, "s", 0.0, 10.0, "ramp when the correction begins", mavlink="SWG_FADE_IN")
     fade_out_s: float = quantity(0.5, "s", 0.0, 5.0, "ramp when the correction ends", mavlink="SWG_FADE_OUT")
 

@@ -10,11 +10,11 @@ from swingd.model.events import AppSetpoint, AutopilotKind, AutopilotState, Flig
 from swingd.model.parameters import Mode, Parameters
 from swingd.pipeline.application import REPEAT_MAX_S, ApplicationStream
 from swingd.pipeline.correction import NO_PUSH, Correction, Push, turn
+from swingd.pipeline.damping_watch import DampingWatch, Motion
 from swingd.pipeline.envelope import Conditions, Fade, may_correct
 from swingd.pipeline.feed_forward import FeedForward
-from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S
-from swingd.pipeline.merge import Reference, carried, is_correctable, merge, reference_of
-from swingd.pipeline.payload_state import PayloadState
+from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S, Evidence
+from swingd.pipeline.merge import ACC_XY, POS_XY, VEL_XY, Reference, carried, is_correctable, merge, reference_of
 from swingd.pipeline.reference import POSITION_AGE_MAX_S, HoldReference
 
 TEXT_EVERY_S = 5.0
@@ -23,6 +23,8 @@ STEADY_S = 1.0
 bursts would change hands many times a second."""
 APPLICATION_FOR_S = 0.5
 """In mode `hold`: an application that has sent a setpoint within this time commands alone."""
+POSITION_GAIN_PER_S = 1.0
+"""Of the autopilot's position loop: MPC_XY_P, PSC_POSXY_P."""
 STREAM_LOST_S = 1.0
 """PX4's COM_OF_LOSS_T by default."""
 
@@ -41,7 +43,9 @@ class Situation:
     direction: Vec2
     """Horizontal direction of the cable in the level frame [rad at small angles]."""
     direction_rate_per_s: Vec2
-    payload: PayloadState
+    tilt_acc_mps2: Vec2
+    """Horizontal acceleration that the tilted thrust makes, in the level frame."""
+    evidence: Evidence
     health: Health
     taking_off: bool
     """By the autopilot's own word."""
@@ -69,6 +73,8 @@ class Commander:
         self._feed_forward = FeedForward(parameters)
         self._correction = Correction(parameters.control)
         self._fade = Fade(parameters.control)
+        self._watch = DampingWatch(parameters)
+        self._ground_down_m = 0.0
         self._t_mono_s = -math.inf
         self._state: AutopilotState | None = None
         self._position: LocalPosition | None = None
@@ -88,6 +94,8 @@ class Commander:
 
     def configure(self, parameters: Parameters) -> None:
         """Take other parameters; what is being commanded goes on, so that the vehicle does not jump."""
+        if parameters.control.enabled and not self._enabled:
+            self._watch.enabled()
         self._enabled = parameters.control.enabled
         if parameters.mode is not self._parameters.mode:
             self.drop()
@@ -97,6 +105,7 @@ class Commander:
         self._feed_forward.configure(parameters)
         self._correction.configure(parameters.control)
         self._fade.configure(parameters.control)
+        self._watch.configure(parameters)
 
     @property
     def active(self) -> bool:
@@ -118,11 +127,40 @@ class Commander:
         """The mode, where it was reported lately."""
         return self._flight_mode
 
-    def conditions(self, payload: PayloadState, health: Health) -> Conditions:
-        """Everything that decides whether a correction may leave."""
+    @property
+    def distrust(self) -> str:
+        """Why the correction is off until it is enabled again; empty where it need not be."""
+        return self._watch.distrust
+
+    def conditions(self, evidence: Evidence, health: Health, *, gap: bool = False) -> Conditions:
+        """Everything that decides whether a correction may leave; ``gap`` where this step lacks samples."""
         return Conditions(
-            self._parameters.mode, self._enabled, self._armed, self._flight_mode, payload, health, self._asked()
+            mode=self._parameters.mode,
+            enabled=self._enabled,
+            trusted=not self._watch.distrust,
+            armed=self._armed,
+            flight_mode=self._flight_mode,
+            high=self._is_high(),
+            asked=self._asked(),
+            payload=evidence.payload,
+            fresh=evidence.fresh and not gap,
+            finite=evidence.finite,
+            settled=evidence.settled,
+            certain=evidence.certain,
+            consistent=evidence.consistent,
+            link=evidence.link and evidence.heartbeat,
+            recovered=health in (Health.READY, Health.ACTIVE),
         )
+
+    def _is_high(self) -> bool:
+        """Whether the vehicle is high enough above where it was armed; where that is not known, above its origin."""
+        height_min_m = self._parameters.control.height_min_m
+        if height_min_m <= 0.0:
+            return True
+        position = self._position
+        if position is None or self._t_mono_s - position.t_mono_s > POSITION_AGE_MAX_S:
+            return False
+        return self._ground_down_m - position.pos_ned_m[2] >= height_min_m
 
     # ---- what is known
 
@@ -150,13 +188,17 @@ class Commander:
     def set_state(self, state: AutopilotState) -> None:
         """Take the autopilot's arming and mode."""
         self._state = state
+        if not state.armed and self._position is not None:
+            self._ground_down_m = self._position.pos_ned_m[2]
         if state.mode is not FlightMode.OFFBOARD:
             self.drop()
 
     def switch(self, enabled: bool) -> bool:
-        """Enable or disable the correction; return whether that changed anything."""
-        changed = enabled != self._enabled
+        """Enable or disable the correction; return whether that changed anything. It ends a distrust of the damping."""
+        changed = enabled != self._enabled or (enabled and bool(self._watch.distrust))
         self._enabled = enabled
+        if enabled and changed:
+            self._watch.enabled()
         return changed
 
     def land(self) -> None:
@@ -170,6 +212,7 @@ class Commander:
         self._fade.cut()
         self._feed_forward.drop()
         self._correction.reset()
+        self._watch.rest()
         self.push = NO_PUSH
 
     # ---- what is asked for
@@ -281,7 +324,7 @@ class Commander:
             # Copter takes off in GUIDED, and the first setpoint would end that wherever the vehicle is.
             self.drop()
             return None
-        allowed = not now.gap and may_correct(self.conditions(now.payload, now.health))
+        allowed = may_correct(self.conditions(now.evidence, now.health, gap=now.gap))
         self._willing = allowed and self._t_mono_s - self._steady_since_s > STEADY_S
         if mode is Mode.INLINE:
             if not self._meeting:
@@ -301,10 +344,40 @@ class Commander:
         push = self._correction.update(wanted, fade, now.dt_s)
         if mode is Mode.INLINE:
             push = push.scaled(self._application.freshness(self._t_mono_s, now.dt_s))
+        self._watch_damping(now, reference, push)
         self.push = push.turned(now.yaw_rad - now.level_yaw_rad) if push is not NO_PUSH else push
         if reference is None:
             return None
         return _setpoint(now.t_boot_s, merge(reference, self.push, self._kind))
+
+    def _watch_damping(self, now: Situation, reference: Reference | None, push: Push) -> None:
+        """See whether the push does what it is for."""
+        position = self._position
+        if reference is None or push == NO_PUSH or position is None:
+            self._watch.rest()
+            return
+        length_m = self._parameters.cable.length_m
+        to_level_rad = now.level_yaw_rad - now.yaw_rad
+        use = reference.use
+        vel = reference.vel_ned_mps[:2] if use & VEL_XY else (0.0, 0.0)
+        if use & POS_XY:
+            (n, e), (place_n, place_e) = reference.pos_ned_m[:2], position.pos_ned_m[:2]
+            vel = (vel[0] + POSITION_GAIN_PER_S * (n - place_n), vel[1] + POSITION_GAIN_PER_S * (e - place_e))
+        acc = reference.acc_ned_mps2[:2] if use & ACC_XY else (0.0, 0.0)
+        self._watch.update(
+            Motion(
+                dt_s=now.dt_s,
+                load_m=(length_m * now.direction[0], length_m * now.direction[1]),
+                load_rate_mps=(length_m * now.direction_rate_per_s[0], length_m * now.direction_rate_per_s[1]),
+                vel_mps=turn(position.vel_ned_mps[:2], to_level_rad),
+                vel_ref_mps=turn(vel, to_level_rad) if use & (VEL_XY | POS_XY) else None,
+                acc_ref_mps2=turn(acc, to_level_rad),
+                tilt_acc_mps2=now.tilt_acc_mps2,
+                heading_rad=now.level_yaw_rad,
+                push=push,
+                limited=self._correction.limited or (bool(use & POS_XY) and self._correction.displaced),
+            )
+        )
 
     def _wanted(self, now: Situation) -> Vec2:
         """What the law asks for, in the level frame; it sees the swing in the heading frame.

@@ -57,6 +57,10 @@ class Correction:
         self._acc: Vec2 = (0.0, 0.0)
         self._vel: Vec2 = (0.0, 0.0)
         self._pos: Vec2 = (0.0, 0.0)
+        self.limited = False
+        """Whether a limit of acceleration or velocity held the last push."""
+        self.displaced = False
+        """Whether that of the displacement did."""
 
     def update(self, wanted_mps2: Vec2 | None, fade: float, dt_s: float) -> Push:
         """Take the law's acceleration; return what to add to the setpoint.
@@ -82,17 +86,18 @@ class Correction:
             slow_x += blend * (wanted_mps2[0] - slow_x)
             slow_y += blend * (wanted_mps2[1] - slow_y)
             self._slow = (slow_x, slow_y)
-        target = _limit((fade * (self._wanted[0] - slow_x), fade * (self._wanted[1] - slow_y)), control.acc_max_mps2)
+        wanted = (fade * (self._wanted[0] - slow_x), fade * (self._wanted[1] - slow_y))
+        target = _limit(wanted, control.acc_max_mps2)
         step = _limit((target[0] - self._acc[0], target[1] - self._acc[1]), control.jerk_max_mps3 * dt_s)
         self._acc = (self._acc[0] + step[0], self._acc[1] + step[1])
         kept = math.exp(-dt_s / control.velocity_leak_s)
-        self._vel = _limit(
-            (kept * self._vel[0] + self._acc[0] * dt_s, kept * self._vel[1] + self._acc[1] * dt_s), control.vel_max_mps
-        )
+        faster = kept * self._vel[0] + self._acc[0] * dt_s, kept * self._vel[1] + self._acc[1] * dt_s
+        self._vel = _limit(faster, control.vel_max_mps)
         vel = (fade * self._vel[0], fade * self._vel[1])
-        self._pos = _limit(
-            (kept * self._pos[0] + vel[0] * dt_s, kept * self._pos[1] + vel[1] * dt_s), control.displacement_max_m
-        )
+        farther = kept * self._pos[0] + vel[0] * dt_s, kept * self._pos[1] + vel[1] * dt_s
+        self._pos = _limit(farther, control.displacement_max_m)
+        self.limited = target != wanted or self._vel != faster
+        self.displaced = self._pos != farther
         return Push(self._acc, vel, (fade * self._pos[0], fade * self._pos[1]))
 
 

@@ -1,8 +1,8 @@
 """One decision on whether a correction may leave, and one fade."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from swingd.model.actions import Health
 from swingd.model.events import FlightMode
 from swingd.model.parameters import Control, Mode
 from swingd.pipeline.payload_state import PayloadState
@@ -15,42 +15,58 @@ class Conditions:
     mode: Mode
     enabled: bool
     """By the user."""
+    trusted: bool
+    """The watch over the damping has nothing against it."""
     armed: bool
     flight_mode: FlightMode
-    payload: PayloadState
-    health: Health
-    """READY or ACTIVE where inputs are fresh and the estimate is finite, settled and consistent."""
+    high: bool
+    """High enough above the ground."""
     asked: bool
     """Whether somebody asks for something that a correction can enter: mode hold does; an application must still be
     alive, alone, and fast enough."""
+    payload: PayloadState
+    fresh: bool
+    """IMU and attitude, and no sample of this step is missing."""
+    finite: bool
+    settled: bool
+    certain: bool
+    """The angles' covariance is within its bound."""
+    consistent: bool
+    """The innovations agree with their covariance."""
+    link: bool
+    """The link is alive and fast enough."""
+    recovered: bool
+    """Health is READY: nothing has spoken against the estimate for a while."""
+
+
+_REQUIRED: tuple[tuple[Callable[[Conditions], bool], Callable[[Conditions], str]], ...] = (
+    (lambda c: c.mode is not Mode.SHADOW, lambda _: "mode shadow"),
+    (lambda c: c.enabled, lambda _: "switched off"),
+    (lambda c: c.trusted, lambda _: "does harm; off until enabled again"),
+    (lambda c: c.armed, lambda _: "not armed"),
+    (lambda c: c.flight_mode is FlightMode.OFFBOARD, lambda c: f"flight mode is {c.flight_mode.value}"),
+    (lambda c: c.high, lambda _: "too low"),
+    (lambda c: c.asked, lambda _: "nobody asks for a setpoint that can be corrected"),
+    (lambda c: c.payload is PayloadState.ATTACHED, lambda c: f"payload: {c.payload.value}"),
+    (lambda c: c.fresh, lambda _: "IMU or attitude late"),
+    (lambda c: c.finite, lambda _: "estimate not finite"),
+    (lambda c: c.settled, lambda _: "estimate settling"),
+    (lambda c: c.certain, lambda _: "estimate uncertain"),
+    (lambda c: c.consistent, lambda _: "measurements and model disagree"),
+    (lambda c: c.link, lambda _: "link late or silent"),
+    (lambda c: c.recovered, lambda _: "health is not ready"),
+)
+"""What must hold, and what to say where it does not."""
 
 
 def may_correct(conditions: Conditions) -> bool:
     """Whether a correction may leave: every condition must hold, a doubt is a no."""
-    return (
-        conditions.mode is not Mode.SHADOW
-        and conditions.enabled
-        and conditions.armed
-        and conditions.flight_mode is FlightMode.OFFBOARD
-        and conditions.payload is PayloadState.ATTACHED
-        and conditions.health in (Health.READY, Health.ACTIVE)
-        and conditions.asked
-    )
+    return all(holds(conditions) for holds, _ in _REQUIRED)
 
 
 def withheld_by(conditions: Conditions) -> tuple[str, ...]:
     """Name every condition that does not hold, for people; empty where `may_correct` says yes."""
-    flying = conditions.flight_mode is FlightMode.OFFBOARD
-    reasons = (
-        (conditions.mode is Mode.SHADOW, "mode shadow"),
-        (not conditions.enabled, "switched off"),
-        (not conditions.armed, "not armed"),
-        (not flying, f"flight mode is {conditions.flight_mode.value}"),
-        (conditions.payload is not PayloadState.ATTACHED, f"payload: {conditions.payload.value}"),
-        (conditions.health not in (Health.READY, Health.ACTIVE), f"health is {conditions.health.value}"),
-        (not conditions.asked, "nobody asks for a setpoint that can be corrected"),
-    )
-    return tuple(text for withholds, text in reasons if withholds)
+    return tuple(reason(conditions) for holds, reason in _REQUIRED if not holds(conditions))
 
 
 class Fade:

@@ -1,6 +1,8 @@
 """The age of every input, and what swingd makes of it."""
 
+import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from swingd.model.actions import Health, Severity, StatusText, StreamRequest
@@ -179,12 +181,76 @@ class RoundTripWatch:
 
 
 @dataclass(frozen=True, slots=True)
+class Evidence:
+    """What health depends on at one instant; where a field is not True it tells against swingd."""
+
+    imu_heard: bool
+    """Ever."""
+    attitude_heard: bool
+    imu_present: bool
+    """Not silent for longer than a gap that the filter can bridge."""
+    attitude_present: bool
+    heartbeat: bool
+    """The autopilot's HEARTBEAT is not lost; True before the first."""
+    finite: bool
+    """The filter does not diverge again and again."""
+    payload: PayloadState
+    settled: bool
+    """The filter has been consistent for long enough since it began, and then certain."""
+    fresh: bool
+    """IMU and attitude are not late."""
+    link: bool
+    """The link is fast enough to damp by."""
+    certain: bool
+    """The covariance of the angles is within its bound."""
+    consistent: bool
+    """The innovations are as large as their covariance promises."""
+
+
+_Rule = tuple[Callable[[Evidence], bool], Health, Callable[[Evidence], str]]
+
+
+def _says(text: str) -> Callable[[Evidence], str]:
+    return lambda _evidence: text
+
+
+_RULES: tuple[_Rule, ...] = (
+    (lambda e: e.imu_heard, Health.INIT, _says("waiting for the autopilot's IMU")),
+    (lambda e: e.attitude_heard, Health.INIT, _says("waiting for the autopilot's attitude")),
+    # The same words for as long as it lasts: they are told once.
+    (lambda e: e.imu_present, Health.FAULT, _says("the IMU has stopped")),
+    (lambda e: e.attitude_present, Health.FAULT, _says("the attitude has stopped")),
+    (lambda e: e.heartbeat, Health.FAULT, _says(f"no HEARTBEAT for more than {HEARTBEAT_LOST_S:g} s")),
+    (lambda e: e.finite, Health.FAULT, _says("the filter diverged three times in 10 s")),
+    (lambda e: e.payload.hangs, Health.INIT, lambda e: e.payload.value),
+    (lambda e: e.settled, Health.INIT, _says("the estimate is settling")),
+    (lambda e: e.fresh, Health.DEGRADED, _says("IMU or attitude late")),
+    (lambda e: e.payload is PayloadState.ATTACHED, Health.DEGRADED, lambda e: e.payload.value),
+    (lambda e: e.link, Health.DEGRADED, _says(f"link slower than {ROUND_TRIP_MAX_S:g} s there and back")),
+    (lambda e: e.certain, Health.DEGRADED, _says("the estimate is uncertain")),
+    (lambda e: e.consistent, Health.DEGRADED, _says("measurements and model disagree")),
+)
+"""What must hold, the state where it does not, and its reason; the first that does not hold counts."""
+
+_RECOVERY_S = {Health.INIT: 0.0, Health.READY: 0.0, Health.DEGRADED: 0.5, Health.FAULT: 0.5}
+"""For how long everything must hold before a state gives way to READY: what flickers is not to be trusted."""
+
+
+@dataclass(frozen=True, slots=True)
 class Assessment:
     """Health without regard to whether a correction is being given."""
 
     health: Health
     """INIT, READY, DEGRADED or FAULT."""
     reason: str
+
+
+def judge(evidence: Evidence) -> Assessment:
+    """Return the state that this instant asks for, without regard to the one before."""
+    for holds, health, reason in _RULES:
+        if not holds(evidence):
+            return Assessment(health, reason(evidence))
+    return Assessment(Health.READY, "")
 
 
 class HealthWatch:
@@ -194,18 +260,23 @@ class HealthWatch:
         self._max_gap_s = parameters.estimator.max_gap_s
         self._nis_gate = parameters.estimator.nis_gate
         self.round_trip = RoundTripWatch()
-        self._settled_s = 0.0
-        self._nis = 0.0
-        self._std_rad = float("inf")
+        self.assessment = Assessment(Health.INIT, "waiting for the autopilot's IMU")
+        """As of the last `assess`."""
+        self._begin()
         self._resets_s: deque[float] = deque(maxlen=3)
+        self._doubted_s = float("-inf")
 
     def reset(self, t_mono_s: float, fault: bool) -> None:
         """Note that the estimator began anew; ``fault`` where it had to."""
-        self._settled_s = 0.0
-        self._nis = 0.0
-        self._std_rad = float("inf")
+        self._begin()
         if fault:
             self._resets_s.append(t_mono_s)
+
+    def _begin(self) -> None:
+        self._settled_s = 0.0
+        self._was_certain = False
+        self._nis = 0.0
+        self._std_rad = float("inf")
 
     def step(self, dt_s: float, nis: float, std_rad: float) -> None:
         """Note one filter step with its innovation and the larger of the angles' deviations."""
@@ -213,34 +284,40 @@ class HealthWatch:
         self._std_rad = std_rad
         if self._settled_s < SETTLE_S:
             self._settled_s = self._settled_s + dt_s if self._nis <= NIS_MAX else 0.0
+        self._was_certain |= self._settled_s >= SETTLE_S and std_rad <= ANGLE_STD_READY_RAD
 
-    def assess(
+    def evidence(
         self, t_mono_s: float, streams: StreamWatch, payload: PayloadState, heartbeat_age_s: float | None
-    ) -> Assessment:
-        """Judge this instant; ``heartbeat_age_s`` is None before the autopilot's first HEARTBEAT."""
+    ) -> Evidence:
+        """Gather what is known at this instant; ``heartbeat_age_s`` is None before the autopilot's first HEARTBEAT."""
         imu_s = streams.age_s(Stream.IMU, t_mono_s)
         attitude_s = streams.age_s(Stream.ATTITUDE, t_mono_s)
-        if imu_s is None or attitude_s is None:
-            missing = "IMU" if imu_s is None else "attitude"
-            return Assessment(Health.INIT, f"waiting for the autopilot's {missing}")
-        if imu_s > self._max_gap_s or attitude_s > self._max_gap_s:
-            which = "IMU" if imu_s > self._max_gap_s else "attitude"
-            # The same words for as long as it lasts: they are told once.
-            return Assessment(Health.FAULT, f"no {which} for more than {self._max_gap_s:g} s")
-        if heartbeat_age_s is not None and heartbeat_age_s > HEARTBEAT_LOST_S:
-            return Assessment(Health.FAULT, f"no HEARTBEAT for more than {HEARTBEAT_LOST_S:g} s")
-        if len(self._resets_s) == 3 and t_mono_s - self._resets_s[0] < 10.0:
-            return Assessment(Health.FAULT, "the filter diverged three times in 10 s")
-        if not payload.hangs:
-            return Assessment(Health.INIT, payload.value)
-        if self._settled_s < SETTLE_S or self._std_rad > ANGLE_STD_READY_RAD:
-            return Assessment(Health.INIT, "the estimate is settling")
-        if imu_s > LATE_S or attitude_s > LATE_S:
-            return Assessment(Health.DEGRADED, "IMU or attitude late")
-        if payload is PayloadState.UNKNOWN:
-            return Assessment(Health.DEGRADED, payload.value)
-        if self.round_trip.is_slow(t_mono_s):
-            return Assessment(Health.DEGRADED, f"link slower than {ROUND_TRIP_MAX_S:g} s there and back")
-        if self._nis > NIS_MAX:
-            return Assessment(Health.DEGRADED, "measurements and model disagree")
-        return Assessment(Health.READY, "")
+        oldest_s = max(_or_never(imu_s), _or_never(attitude_s))
+        return Evidence(
+            imu_heard=imu_s is not None,
+            attitude_heard=attitude_s is not None,
+            imu_present=_or_never(imu_s) <= self._max_gap_s,
+            attitude_present=_or_never(attitude_s) <= self._max_gap_s,
+            heartbeat=heartbeat_age_s is None or heartbeat_age_s <= HEARTBEAT_LOST_S,
+            finite=math.isfinite(self._nis) and (len(self._resets_s) < 3 or t_mono_s - self._resets_s[0] >= 10.0),
+            payload=payload,
+            settled=self._was_certain,
+            fresh=oldest_s <= LATE_S,
+            link=not self.round_trip.is_slow(t_mono_s),
+            certain=self._std_rad <= ANGLE_STD_READY_RAD,
+            consistent=self._nis <= NIS_MAX,
+        )
+
+    def assess(self, t_mono_s: float, evidence: Evidence) -> Assessment:
+        """Advance the state: at once to a worse one, to READY once nothing has spoken against it for a while."""
+        asked = judge(evidence)
+        if asked.health is not Health.READY:
+            self._doubted_s = t_mono_s
+        elif t_mono_s - self._doubted_s < _RECOVERY_S[self.assessment.health]:
+            return self.assessment
+        self.assessment = asked
+        return asked
+
+
+def _or_never(age_s: float | None) -> float:
+    return float("inf") if age_s is None else age_s

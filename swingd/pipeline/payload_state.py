@@ -1,29 +1,41 @@
-"""Whether the load hangs on the cable, as far as the thrust tells."""
+"""Where the load is, as the thrust tells it, and where that is silent, the swing."""
 
+import math
+from dataclasses import dataclass
 from enum import Enum
 
 from swingd.core.swing_ekf import GRAVITY_MPS2
-from swingd.model.events import LandedState
+from swingd.model.events import LandedState, Vec3
 from swingd.model.parameters import Parameters, ThrustSource
+from swingd.pipeline.payload_mass import ApparentMass, SwingMass
 
 LIFTED_SHARE = 0.5
-"""Share of the load's weight by which the thrust must rise to count as lifting it."""
+"""Share of the load's mass by which the thrust must rise to count as lifting it."""
 LIFTED_FOR_S = 0.15
-SLACK_SHARE = 0.6
-"""Share of the load's weight by which the thrust must fall to count as having lost it: released, set down."""
-SLACK_FOR_S = 0.4
-SUPPORT_TIME_CONSTANT_S = 0.1
-SUPPORT_ATTACHED_TIME_CONSTANT_S = 0.3
+LOST_SHARE = 0.6
+"""Share of what hangs by which the thrust must fall to count as having lost it: released, set down."""
+LOST_FOR_S = 0.3
+APPARENT_TIME_CONSTANT_S = 0.1
+APPARENT_ATTACHED_TIME_CONSTANT_S = 0.3
 """Slower while the load hangs: a manoeuvre must not look like a release."""
 LEVEL_TIME_CONSTANT_S = 5.0
-"""Of the level against which a loss is judged: the thrust curve's error drifts with the battery."""
+"""Of the level against which rises and falls are judged: the thrust curve's error drifts with the battery."""
 CLIMBING_S = 0.4
 """Of climbing with a slack cable, to know what the thrust curve's error feigns."""
-ASSUMED_AFTER_S = 5.0
-"""In the air for this long without a rise, which a take-off that was not watched does not show, the load may hang."""
+CLIMB_MPS = 0.2
+CLIMBING_TIME_CONSTANT_S = 0.5
+SILENT_AFTER_S = 5.0
+"""In the air for this long without a rise, where no take-off was watched that would have shown it, the load may hang."""
 FLYING_SHARE = 0.6
 """Share of the vehicle's weight that the thrust must carry to count as flying."""
 FORCE_TIME_CONSTANT_S = 0.5
+SWING_SHOWS_SHARE = 0.4
+"""Share of the load's mass that the swing must show, three deviations below what it says."""
+LOW_LENGTHS = 1.3
+LOW_MARGIN_M = 0.5
+"""A load that is lost below this many cable lengths, and a margin for the altitude's drift, was set down."""
+SINK_MPS = 0.1
+SINK_TIME_CONSTANT_S = 0.5
 
 
 class PayloadState(Enum):
@@ -47,17 +59,82 @@ class PayloadState(Enum):
         return self in (PayloadState.ATTACHED, PayloadState.UNKNOWN)
 
 
+class Sign(Enum):
+    """What is seen of the load; the value says it in words, with a mass where there is one."""
+
+    FLIES = "nothing lifted yet"
+    RISE = "thrust rose by {:.2g} kg"
+    CARRIES = "thrust carries {:.2g} kg more"
+    FALL = "thrust fell by {:.2g} kg"
+    FALL_LOW = "thrust fell by {:.2g} kg near the ground"
+    SWINGS = "the swing shows {:.2g} kg"
+    SILENT = "joined in flight, no rise of thrust seen"
+    UNTOLD = "no thrust stream to show it"
+    PRESUMED = "thrust.source remark_1 presumes it"
+
+
+_S = PayloadState
+_EMPTY = {Sign.RISE: _S.ATTACHED, Sign.CARRIES: _S.ATTACHED, Sign.SWINGS: _S.ATTACHED}
+TRANSITIONS: dict[PayloadState, dict[Sign, PayloadState]] = {
+    _S.ON_GROUND: {Sign.FLIES: _S.SLACK, Sign.UNTOLD: _S.UNKNOWN, Sign.PRESUMED: _S.ATTACHED},
+    _S.SLACK: {**_EMPTY, Sign.SILENT: _S.UNKNOWN},
+    _S.UNKNOWN: _EMPTY,
+    _S.RELEASED: _EMPTY,
+    _S.TOUCHED_DOWN: _EMPTY,
+    _S.ATTACHED: {Sign.FALL: _S.RELEASED, Sign.FALL_LOW: _S.TOUCHED_DOWN},
+}
+"""What follows a sign; any other sign changes nothing. Landing and disarming lead back to ``ON_GROUND`` from anywhere."""
+
+
+@dataclass(frozen=True, slots=True)
+class PayloadSample:
+    """What one filter step shows of the load; level frame."""
+
+    dt_s: float
+    force_n: Vec3
+    """Thrust and known drag, as the filter gets them [N]."""
+    lift_n: float
+    """Upward share of them by the thrust curve alone: without the calibrated scale, which might follow the load [N]."""
+    acc_mps2: Vec3
+    """Inertial acceleration of the hook [m/s^2]."""
+    body_down: Vec3
+    """Body's down axis, along which the thrust has no part in any other direction [1]."""
+    thrust_known: bool
+    """The thrust comes from a stream, not from Remark 1, which presumes a hanging load."""
+    landed: LandedState
+    """What the autopilot's land detector says."""
+    vel_mps: Vec3 | None = None
+    """Velocity of the vehicle over ground; None where it is not known [m/s]."""
+    altitude_m: float | None = None
+    """Of the vehicle, from whatever origin [m]."""
+
+    @property
+    def climbing(self) -> bool:
+        """The vehicle is known to go up: it has left the ground."""
+        return self.vel_mps is not None and self.vel_mps[2] < -CLIMB_MPS
+
+
 class PayloadWatch:
-    """Tells when the load is lifted or lost, and the disturbance force that the vehicle felt before the lift."""
+    """Tells where the load is, why, and the disturbance force that the vehicle felt before the lift.
+
+    The thrust tells by rises and falls of the mass that it seems to carry (`ApparentMass`) against a level that follows
+    slow changes: a curve that is some percent wrong feigns a light load or hides it, a sagging battery looks like one
+    that is set down slowly. What it does not tell, the swing may (`SwingMass`), but only that there is a load: one
+    that does not swing looks like none.
+    """
 
     def __init__(self, parameters: Parameters) -> None:
         self._mass_kg = parameters.vehicle.mass_kg
         self._payload_mass_kg = parameters.payload.mass_kg
+        self._length_m = parameters.cable.length_m
         self._presumed = parameters.thrust.source is ThrustSource.REMARK_1
+        self._apparent = ApparentMass(self._mass_kg)
+        self.swing = SwingMass(self._mass_kg, self._length_m)
+        """Mass that the swing shows since the last change."""
         self.grounded()
 
     @property
-    def force_n(self) -> tuple[float, float, float] | None:
+    def force_n(self) -> Vec3 | None:
         """Horizontal disturbance while the cable was slack, level frame [N]; None where that was too short to tell."""
         if self._slack_s < FORCE_TIME_CONSTANT_S:
             return None
@@ -66,104 +143,119 @@ class PayloadWatch:
     def grounded(self) -> None:
         """The vehicle stands or is disarmed."""
         self.state = PayloadState.ON_GROUND
-        self._was_attached = False
-        self._support_n = 0.0
-        self._level_n: float | None = None
+        self.reason = ""
+        """Why the state is what it is, in words."""
+        self._stood = False
+        self._ground_m: float | None = None
+        self._apparent.reset()
+        self.swing.reset()
+        self._level_kg: float | None = None
+        self._empty_kg = 0.0
         self._climbed_s = 0.0
+        self._sink_mps = 0.0
         self._doubt_s = 0.0
         self._slack_s = 0.0
         self._force_n = (0.0, 0.0)
 
-    def update(
-        self,
-        dt_s: float,
-        force_n: tuple[float, float, float],
-        acc_level: tuple[float, float, float],
-        known: bool,
-        landed: LandedState,
-        climbing: bool,
-    ) -> bool:
-        """Take one filter step; return whether the state changed in it.
+    def update(self, sample: PayloadSample) -> bool:
+        """Take one filter step; return whether the state changed in it."""
+        sign = self._look(sample)
+        state = TRANSITIONS[self.state].get(sign[0]) if sign is not None else None
+        if sign is None or state is None:
+            return False
+        self._enter(state)
+        self.reason = sign[0].value.format(abs(sign[1]))
+        return True
 
-        Parameters
-        ----------
-        dt_s : float
-            Interval [s].
-        force_n : (3,)
-            Thrust and known drag, level frame [N].
-        acc_level : (3,)
-            Inertial acceleration, level frame [m/s^2].
-        known : bool
-            The thrust comes from a stream, not from Remark 1, which presumes a hanging load.
-        landed : LandedState
-            What the autopilot's land detector says.
-        climbing : bool
-            The vehicle is known to go up: it has left the ground.
-        """
-        if not known:
-            return self._without_thrust(landed)
+    def _look(self, sample: PayloadSample) -> tuple[Sign, float] | None:
+        """Return what this step shows, with its mass [kg]."""
+        if not sample.thrust_known:
+            flies = sample.landed in (LandedState.IN_AIR, LandedState.TAKING_OFF)
+            return (Sign.PRESUMED if self._presumed else Sign.UNTOLD, 0.0) if flies else None
         if self.state is PayloadState.ON_GROUND:
-            if -force_n[2] < FLYING_SHARE * self._mass_kg * GRAVITY_MPS2:
-                return False
-            return self._become(PayloadState.SLACK)
-        # What holds the vehicle down besides its own weight. A thrust curve that is some percent wrong feigns a light
-        # load, or hides it: only rises and falls tell.
-        support_n = self._mass_kg * (acc_level[2] - GRAVITY_MPS2) - force_n[2]
-        attached = self.state is PayloadState.ATTACHED
-        tau_s = SUPPORT_ATTACHED_TIME_CONSTANT_S if attached else SUPPORT_TIME_CONSTANT_S
-        self._support_n += dt_s / (dt_s + tau_s) * (support_n - self._support_n)
-        weight_n = self._payload_mass_kg * GRAVITY_MPS2
-        if attached and self._level_n is not None:
-            self._level_n += dt_s / (dt_s + LEVEL_TIME_CONSTANT_S) * (self._support_n - self._level_n)
-            lost = self._support_n < self._level_n - SLACK_SHARE * weight_n
-            self._doubt_s = self._doubt_s + dt_s if lost else 0.0
-            return self._doubt_s > SLACK_FOR_S and self._become(PayloadState.SLACK)
+            if sample.lift_n >= FLYING_SHARE * self._mass_kg * GRAVITY_MPS2:
+                return Sign.FLIES, 0.0
+            self._stood, self._ground_m = True, sample.altitude_m
+            return None
+        if sample.vel_mps is not None:
+            blend = sample.dt_s / (sample.dt_s + SINK_TIME_CONSTANT_S)
+            self._sink_mps += blend * (sample.vel_mps[2] - self._sink_mps)
+        self.swing.update(sample.dt_s, sample.force_n, sample.acc_mps2, sample.body_down)
+        return self._fall(sample) if self.state is PayloadState.ATTACHED else self._rise(sample)
+
+    def _fall(self, sample: PayloadSample) -> tuple[Sign, float] | None:
+        """Whether the load is lost."""
+        dt_s = sample.dt_s
+        apparent_kg = self._apparent.update(dt_s, sample, APPARENT_ATTACHED_TIME_CONSTANT_S)
+        if self._level_kg is None:
+            # Presumed to hang, before there was a thrust.
+            self._level_kg = apparent_kg
+        self._level_kg += dt_s / (dt_s + LEVEL_TIME_CONSTANT_S) * (apparent_kg - self._level_kg)
+        fallen_kg = self._level_kg - apparent_kg
+        hanging_kg = max(self._level_kg - self._empty_kg, LIFTED_SHARE * self._payload_mass_kg)
+        self._doubt_s = self._doubt_s + dt_s if fallen_kg > LOST_SHARE * hanging_kg else 0.0
+        if self._doubt_s <= LOST_FOR_S:
+            return None
+        return (Sign.FALL_LOW if self._is_low(sample) else Sign.FALL), fallen_kg
+
+    def _is_low(self, sample: PayloadSample) -> bool:
+        """Whether the load reaches the ground; where its height is not known, whether it went down."""
+        if self._ground_m is None or sample.altitude_m is None:
+            return self._sink_mps > SINK_MPS
+        return sample.altitude_m - self._ground_m < LOW_LENGTHS * self._length_m + LOW_MARGIN_M
+
+    def _rise(self, sample: PayloadSample) -> tuple[Sign, float] | None:
+        """Whether the load is lifted, or hangs as it seems."""
+        dt_s, climbing = sample.dt_s, sample.climbing
+        apparent_kg = self._apparent.update(dt_s, sample, APPARENT_TIME_CONSTANT_S)
         # On the way up the level without the load is found first; in the air, where it was not seen, it is taken for 0.
-        on_the_way_up = climbing or landed in (LandedState.ON_GROUND, LandedState.TAKING_OFF)
-        judged = self._climbed_s > CLIMBING_S or not on_the_way_up
-        lifted = judged and self._support_n > self._slack_level_n() + LIFTED_SHARE * weight_n
-        if climbing and not lifted:
-            self._climbed_s += dt_s
-            before_n = self._support_n if self._level_n is None else self._level_n
-            self._level_n = before_n + dt_s / (dt_s + FORCE_TIME_CONSTANT_S) * (self._support_n - before_n)
+        on_the_way_up = climbing or sample.landed in (LandedState.ON_GROUND, LandedState.TAKING_OFF)
+        found = self._level_kg is not None and self._climbed_s > CLIMBING_S
+        level_kg = self._level_kg if found and self._level_kg is not None else 0.0
+        risen_kg = apparent_kg - level_kg
+        lifted = (found or not on_the_way_up) and risen_kg > LIFTED_SHARE * self._payload_mass_kg
+        if not lifted and (climbing or found):
+            tau_s = CLIMBING_TIME_CONSTANT_S if climbing else LEVEL_TIME_CONSTANT_S
+            before_kg = apparent_kg if self._level_kg is None else self._level_kg
+            self._level_kg = before_kg + dt_s / (dt_s + tau_s) * (apparent_kg - before_kg)
+            self._climbed_s += dt_s if climbing else 0.0
         self._doubt_s = self._doubt_s + dt_s if lifted else 0.0
         if self._doubt_s > LIFTED_FOR_S:
-            return self._become(PayloadState.ATTACHED)
-        if self.state is PayloadState.SLACK:
+            self._empty_kg = level_kg
+            return (Sign.RISE if found else Sign.CARRIES), risen_kg
+        if not self.state.hangs:
             self._slack_s += dt_s
             if not lifted:
-                blend = dt_s / (dt_s + FORCE_TIME_CONSTANT_S)
-                x, y = self._force_n
-                self._force_n = (
-                    x + blend * (self._mass_kg * acc_level[0] - force_n[0] - x),
-                    y + blend * (self._mass_kg * acc_level[1] - force_n[1] - y),
-                )
-            if self._slack_s > ASSUMED_AFTER_S and not self._was_attached:
-                return self._become(PayloadState.UNKNOWN)
-        return False
+                self._feel(sample)
+        shown_kg, std_kg = self.swing.value()
+        if shown_kg - 3.0 * std_kg > SWING_SHOWS_SHARE * self._payload_mass_kg:
+            self._empty_kg = apparent_kg - shown_kg
+            return Sign.SWINGS, shown_kg
+        if self._slack_s > SILENT_AFTER_S and not (self._stood and found):
+            return Sign.SILENT, 0.0
+        return None
 
-    def _without_thrust(self, landed: LandedState) -> bool:
-        """Only the land detector tells; the load is known to hang where the configuration presumes it."""
-        if self.state is not PayloadState.ON_GROUND or landed not in (LandedState.IN_AIR, LandedState.TAKING_OFF):
-            return False
-        return self._become(PayloadState.ATTACHED if self._presumed else PayloadState.UNKNOWN)
+    def _feel(self, sample: PayloadSample) -> None:
+        """Low-pass the push on the vehicle while nothing hangs."""
+        blend = sample.dt_s / (sample.dt_s + FORCE_TIME_CONSTANT_S)
+        x, y = self._force_n
+        self._force_n = (
+            x + blend * (self._mass_kg * sample.acc_mps2[0] - sample.force_n[0] - x),
+            y + blend * (self._mass_kg * sample.acc_mps2[1] - sample.force_n[1] - y),
+        )
 
-    def _slack_level_n(self) -> float:
-        """What the thrust curve's error feigns without the load; 0 where that was not seen."""
-        return self._level_n if self._level_n is not None and self._climbed_s > CLIMBING_S else 0.0
-
-    def _become(self, state: PayloadState) -> bool:
-        weight_n = self._payload_mass_kg * GRAVITY_MPS2
+    def _enter(self, state: PayloadState) -> None:
         if state is PayloadState.ATTACHED:
             # The jerk of the lift says nothing of the level with the load.
-            self._level_n = self._slack_level_n() + weight_n
-        elif state is PayloadState.SLACK:
-            lost = self.state is PayloadState.ATTACHED and self._level_n is not None
-            self._level_n = self._level_n - weight_n if lost and self._level_n is not None else None
+            self._level_kg = self._empty_kg + self._payload_mass_kg
+            if not self._apparent.is_known:
+                self._level_kg = None
+        elif not state.hangs:
+            lost = self.state is PayloadState.ATTACHED
+            self._level_kg = self._empty_kg if lost else None
             self._climbed_s = 2.0 * CLIMBING_S if lost else 0.0
             self._slack_s = 0.0
             self._force_n = (0.0, 0.0)
-        self._was_attached |= state is PayloadState.ATTACHED
         self._doubt_s = 0.0
+        self.swing.reset()
         self.state = state
-        return True

@@ -48,7 +48,7 @@ from swingd.model.parameters import Mode, Parameters, ThrustSource
 from swingd.pipeline.commander import Commander, Situation
 from swingd.pipeline.correction import turn
 from swingd.pipeline.envelope import withheld_by
-from swingd.pipeline.health import Assessment, HealthWatch, StreamState, StreamWatch
+from swingd.pipeline.health import Evidence, HealthWatch, StreamState, StreamWatch
 from swingd.pipeline.payload_state import PayloadState, PayloadWatch
 from swingd.pipeline.sampling import AttitudeTracker, ImuInterval, ImuSampler, Tilt
 from swingd.pipeline.thrust import ScaleCalibration, ThrustModel, ThrustReading
@@ -91,6 +91,7 @@ class Pipeline:
         self._compensated = False
         self._commander = Commander(parameters)
         self._law_told = False
+        self._distrust_told = ""
         self._attitude = AttitudeTracker()
         self._build()
 
@@ -109,7 +110,6 @@ class Pipeline:
         self._estimator = make_estimator(parameters)
         self._streams = StreamWatch(parameters)
         self._health = HealthWatch(parameters)
-        self._assessment = Assessment(Health.INIT, "waiting for the autopilot's IMU")
         self._told: tuple[Health, str] | None = None
         self._told_s = -math.inf
         self._position: LocalPosition | None = None
@@ -134,14 +134,14 @@ class Pipeline:
     @property
     def health(self) -> Health:
         """The state that is published."""
-        if self._assessment.health is Health.READY and self._commander.active:
+        if self._health.assessment.health is Health.READY and self._commander.active:
             return Health.ACTIVE
-        return self._assessment.health
+        return self._health.assessment.health
 
     @property
     def reason(self) -> str:
         """Why `health` is no better; empty where it is good."""
-        return self._assessment.reason
+        return self._health.assessment.reason
 
     @property
     def rates_hz(self) -> dict[Stream, float]:
@@ -181,7 +181,7 @@ class Pipeline:
     @property
     def withheld_by(self) -> tuple[str, ...]:
         """Every condition that keeps the correction off, for people; empty where it may leave."""
-        reasons = withheld_by(self._commander.conditions(self._payload.state, self._assessment.health))
+        reasons = withheld_by(self._commander.conditions(self._evidence(), self._health.assessment.health))
         return reasons if self._commander.law_acts else (*reasons, "no gains help this vehicle")
 
     def inputs(self, t_mono_s: float) -> tuple[StreamState, ...]:
@@ -324,8 +324,7 @@ class Pipeline:
         )
         if hangs:
             self._health.step(interval.dt_s, estimate.nis, float(max(self._angles[4], self._angles[5])))
-        self._assess()
-        return self._command(interval, tilt, thrust.thrust_n)
+        return self._command(interval, tilt, thrust.thrust_n, self._assess())
 
     def _read_inputs(self, interval: ImuInterval, tilt: Tilt) -> ThrustReading:
         """Fill acceleration and force of this interval, level frame; return the thrust."""
@@ -427,7 +426,7 @@ class Pipeline:
 
     # ---- command
 
-    def _command(self, interval: ImuInterval, tilt: Tilt, thrust_n: float) -> list[Action]:
+    def _command(self, interval: ImuInterval, tilt: Tilt, thrust_n: float, evidence: Evidence) -> list[Action]:
         """Command, and say what is estimated."""
         x, y, x_rate, y_rate = self._vector.tolist()
         setpoint = self._commander.step(
@@ -439,8 +438,12 @@ class Pipeline:
                 level_yaw_rad=tilt.level_yaw_rad,
                 direction=(x, y),
                 direction_rate_per_s=(x_rate, y_rate),
-                payload=self._payload.state,
-                health=self._assessment.health,
+                tilt_acc_mps2=(
+                    -GRAVITY_MPS2 * self._rotation[0, 2] / self._rotation[2, 2],
+                    -GRAVITY_MPS2 * self._rotation[1, 2] / self._rotation[2, 2],
+                ),
+                evidence=evidence,
+                health=self._health.assessment.health,
                 taking_off=self._landed is LandedState.TAKING_OFF,
             )
         )
@@ -474,15 +477,18 @@ class Pipeline:
     def _heartbeat_age_s(self) -> float | None:
         return None if self._state_s is None else self._t_mono_s - self._state_s
 
-    def _assess(self) -> None:
-        self._assessment = self._health.assess(
-            self._t_mono_s, self._streams, self._payload.state, self._heartbeat_age_s
-        )
+    def _evidence(self) -> Evidence:
+        return self._health.evidence(self._t_mono_s, self._streams, self._payload.state, self._heartbeat_age_s)
+
+    def _assess(self) -> Evidence:
+        evidence = self._evidence()
+        self._health.assess(self._t_mono_s, evidence)
+        return evidence
 
     def _tick(self) -> list[Action]:
         now_s = self._t_mono_s
         self._assess()
-        owed = self._commander.tick(self._assessment.health)
+        owed = self._commander.tick(self._health.assessment.health)
         actions: list[Action] = [owed] if owed is not None else []
         if self._state_s is not None:
             # Before the autopilot's first HEARTBEAT there is nobody to ask.
@@ -496,7 +502,12 @@ class Pipeline:
             self._law_told = True
             if self._parameters.mode is not Mode.SHADOW and not self._commander.law_acts:
                 actions.append(StatusText(Severity.WARNING, "no gains help this vehicle: see swingd check"))
-        state = (self.health, self._assessment.reason)
+        distrust = self._commander.distrust
+        if distrust != self._distrust_told:
+            self._distrust_told = distrust
+            if distrust:
+                actions.append(StatusText(Severity.ERROR, f"correction off until enabled again: {distrust}"))
+        state = (self.health, self._health.assessment.reason)
         if state != self._told and now_s - self._told_s >= TEXT_EVERY_S:
             self._told, self._told_s = state, now_s
             severity = _SEVERITIES[self.health]
