@@ -39,6 +39,15 @@ class ThrustSource(Enum):
     """Reconstructed from the acceleration, Drones 2023 (14); valid near hover only."""
 
 
+class MassUse(Enum):
+    """What is done with the load's mass that a flight shows."""
+
+    REPORT = "report"
+    """It is told."""
+    USE = "use"
+    """It is told, and replaces the configured one where it differs clearly."""
+
+
 class SimulatedKind(Enum):
     """What the simulated autopilot looks like from its link."""
 
@@ -107,6 +116,10 @@ class Payload:
 
     mass_kg: float = quantity(
         0.3, "kg", 0.005, 2000.0, "mass of the load with its hook and half of the cable", mavlink="SWG_LOAD_MASS"
+    )
+    estimate_mass: MassUse = choice(
+        MassUse.REPORT,
+        "what is done with the mass weighed after a pick-up: report, or use where it differs clearly",
     )
 
 
