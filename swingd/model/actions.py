@@ -70,6 +70,9 @@ class SwingReport:
     correction_acc_ned_mps2: Vec3
     correction_vel_ned_mps: Vec3
     health: Health
+    payload_mass_kg: float | None = None
+    """As weighed in flight; None where it is not known."""
+    payload_mass_std_kg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

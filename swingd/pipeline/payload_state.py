@@ -1,13 +1,12 @@
 """Where the load is, as the thrust tells it, and where that is silent, the swing."""
 
-import math
 from dataclasses import dataclass
 from enum import Enum
 
 from swingd.core.swing_ekf import GRAVITY_MPS2
 from swingd.model.events import LandedState, Vec3
 from swingd.model.parameters import Parameters, ThrustSource
-from swingd.pipeline.payload_mass import ApparentMass, SwingMass
+from swingd.pipeline.payload_mass import ApparentMass, MassEstimate, SwingMass, Weighing
 
 LIFTED_SHARE = 0.5
 """Share of the load's mass by which the thrust must rise to count as lifting it."""
@@ -23,9 +22,11 @@ LEVEL_TIME_CONSTANT_S = 5.0
 CLIMBING_S = 0.4
 """Of climbing with a slack cable, to know what the thrust curve's error feigns."""
 CLIMB_MPS = 0.2
-CLIMBING_TIME_CONSTANT_S = 0.5
+SETTLE_S = 2.0
+"""The level without the load is followed faster for this long after a loss, and whenever the vehicle climbs."""
+SETTLING_TIME_CONSTANT_S = 0.5
 SILENT_AFTER_S = 5.0
-"""In the air for this long without a rise, where no take-off was watched that would have shown it, the load may hang."""
+"""In the air for this long without a rise, where no take-off was watched that would have shown it, it may hang."""
 FLYING_SHARE = 0.6
 """Share of the vehicle's weight that the thrust must carry to count as flying."""
 FORCE_TIME_CONSTANT_S = 0.5
@@ -83,7 +84,7 @@ TRANSITIONS: dict[PayloadState, dict[Sign, PayloadState]] = {
     _S.TOUCHED_DOWN: _EMPTY,
     _S.ATTACHED: {Sign.FALL: _S.RELEASED, Sign.FALL_LOW: _S.TOUCHED_DOWN},
 }
-"""What follows a sign; any other sign changes nothing. Landing and disarming lead back to ``ON_GROUND`` from anywhere."""
+"""What follows a sign; any other changes nothing. Landing and disarming lead back to ``ON_GROUND`` from anywhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +130,14 @@ class PayloadWatch:
         self._length_m = parameters.cable.length_m
         self._presumed = parameters.thrust.source is ThrustSource.REMARK_1
         self._apparent = ApparentMass(self._mass_kg)
-        self.swing = SwingMass(self._mass_kg, self._length_m)
-        """Mass that the swing shows since the last change."""
+        self._swing = SwingMass(self._mass_kg, self._length_m)
+        self._weighing = Weighing(self._mass_kg)
         self.grounded()
+
+    @property
+    def mass(self) -> MassEstimate:
+        """The load's mass, or why it is not known."""
+        return self._weighing.estimate
 
     @property
     def force_n(self) -> Vec3 | None:
@@ -148,8 +154,9 @@ class PayloadWatch:
         self._stood = False
         self._ground_m: float | None = None
         self._apparent.reset()
-        self.swing.reset()
-        self._level_kg: float | None = None
+        self._swing.reset()
+        self._weighing.reset()
+        self._level_kg = 0.0
         self._empty_kg = 0.0
         self._climbed_s = 0.0
         self._sink_mps = 0.0
@@ -180,16 +187,20 @@ class PayloadWatch:
         if sample.vel_mps is not None:
             blend = sample.dt_s / (sample.dt_s + SINK_TIME_CONSTANT_S)
             self._sink_mps += blend * (sample.vel_mps[2] - self._sink_mps)
-        self.swing.update(sample.dt_s, sample.force_n, sample.acc_mps2, sample.body_down)
+        self._swing.update(sample.dt_s, sample.force_n, sample.acc_mps2, sample.body_down)
+        if self.state is PayloadState.ATTACHED or self._climbed_s > CLIMBING_S:
+            # Before it has climbed, the ground may carry a part of the vehicle.
+            self._weighing.update(sample.dt_s, sample.lift_n, sample.acc_mps2[2], sample.vel_mps, self._swing.value())
         return self._fall(sample) if self.state is PayloadState.ATTACHED else self._rise(sample)
+
+    def _seem(self, sample: PayloadSample, time_constant_s: float) -> float:
+        """Take the step into the apparent mass; return it [kg]."""
+        return self._apparent.update(sample.dt_s, sample.lift_n, sample.acc_mps2[2], time_constant_s)
 
     def _fall(self, sample: PayloadSample) -> tuple[Sign, float] | None:
         """Whether the load is lost."""
         dt_s = sample.dt_s
-        apparent_kg = self._apparent.update(dt_s, sample, APPARENT_ATTACHED_TIME_CONSTANT_S)
-        if self._level_kg is None:
-            # Presumed to hang, before there was a thrust.
-            self._level_kg = apparent_kg
+        apparent_kg = self._seem(sample, APPARENT_ATTACHED_TIME_CONSTANT_S)
         self._level_kg += dt_s / (dt_s + LEVEL_TIME_CONSTANT_S) * (apparent_kg - self._level_kg)
         fallen_kg = self._level_kg - apparent_kg
         hanging_kg = max(self._level_kg - self._empty_kg, LIFTED_SHARE * self._payload_mass_kg)
@@ -207,17 +218,19 @@ class PayloadWatch:
     def _rise(self, sample: PayloadSample) -> tuple[Sign, float] | None:
         """Whether the load is lifted, or hangs as it seems."""
         dt_s, climbing = sample.dt_s, sample.climbing
-        apparent_kg = self._apparent.update(dt_s, sample, APPARENT_TIME_CONSTANT_S)
+        apparent_kg = self._seem(sample, APPARENT_TIME_CONSTANT_S)
         # On the way up the level without the load is found first; in the air, where it was not seen, it is taken for 0.
         on_the_way_up = climbing or sample.landed in (LandedState.ON_GROUND, LandedState.TAKING_OFF)
-        found = self._level_kg is not None and self._climbed_s > CLIMBING_S
-        level_kg = self._level_kg if found and self._level_kg is not None else 0.0
+        found = self._climbed_s > CLIMBING_S
+        level_kg = self._level_kg if found else 0.0
         risen_kg = apparent_kg - level_kg
         lifted = (found or not on_the_way_up) and risen_kg > LIFTED_SHARE * self._payload_mass_kg
         if not lifted and (climbing or found):
-            tau_s = CLIMBING_TIME_CONSTANT_S if climbing else LEVEL_TIME_CONSTANT_S
-            before_kg = apparent_kg if self._level_kg is None else self._level_kg
-            self._level_kg = before_kg + dt_s / (dt_s + tau_s) * (apparent_kg - before_kg)
+            if self._climbed_s == 0.0:
+                self._level_kg = apparent_kg
+            fast = climbing or self._slack_s < SETTLE_S
+            tau_s = SETTLING_TIME_CONSTANT_S if fast else LEVEL_TIME_CONSTANT_S
+            self._level_kg += dt_s / (dt_s + tau_s) * (apparent_kg - self._level_kg)
             self._climbed_s += dt_s if climbing else 0.0
         self._doubt_s = self._doubt_s + dt_s if lifted else 0.0
         if self._doubt_s > LIFTED_FOR_S:
@@ -227,7 +240,7 @@ class PayloadWatch:
             self._slack_s += dt_s
             if not lifted:
                 self._feel(sample)
-        shown_kg, std_kg = self.swing.value()
+        shown_kg, std_kg = self._swing.value()
         if shown_kg - 3.0 * std_kg > SWING_SHOWS_SHARE * self._payload_mass_kg:
             self._empty_kg = apparent_kg - shown_kg
             return Sign.SWINGS, shown_kg
@@ -248,14 +261,14 @@ class PayloadWatch:
         if state is PayloadState.ATTACHED:
             # The jerk of the lift says nothing of the level with the load.
             self._level_kg = self._empty_kg + self._payload_mass_kg
-            if not self._apparent.is_known:
-                self._level_kg = None
+            self._weighing.lifted()
         elif not state.hangs:
             lost = self.state is PayloadState.ATTACHED
-            self._level_kg = self._empty_kg if lost else None
+            self._level_kg = self._apparent.value_kg
             self._climbed_s = 2.0 * CLIMBING_S if lost else 0.0
             self._slack_s = 0.0
+            self._weighing.lost()
             self._force_n = (0.0, 0.0)
         self._doubt_s = 0.0
-        self.swing.reset()
+        self._swing.reset()
         self.state = state

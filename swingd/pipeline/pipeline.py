@@ -44,12 +44,13 @@ from swingd.model.events import (
     Vec3,
     VoltageCompensation,
 )
-from swingd.model.parameters import Mode, Parameters, ThrustSource
+from swingd.model.parameters import MassUse, Mode, Parameters, ThrustSource
 from swingd.pipeline.commander import Commander, Situation
 from swingd.pipeline.correction import turn
 from swingd.pipeline.envelope import withheld_by
 from swingd.pipeline.health import Evidence, HealthWatch, StreamState, StreamWatch
-from swingd.pipeline.payload_state import PayloadState, PayloadWatch
+from swingd.pipeline.payload_mass import MassEstimate
+from swingd.pipeline.payload_state import PayloadSample, PayloadState, PayloadWatch
 from swingd.pipeline.sampling import AttitudeTracker, ImuInterval, ImuSampler, Tilt
 from swingd.pipeline.thrust import ScaleCalibration, ThrustModel, ThrustReading
 
@@ -61,7 +62,10 @@ QUIET_TILT_RAD = math.radians(8.0)
 QUIET_SWING_RAD = math.radians(6.0)
 QUIET_SPEED_MPS = 0.7
 QUIET_TIME_CONSTANT_S = 0.3
-CLIMB_MPS = 0.2
+MASS_SHARE = 0.05
+"""A weighed mass that is nearer to the one in use is not worth beginning anew."""
+MASS_STD_SHARE = 0.15
+"""A mass that is known worse is not used."""
 TEXT_EVERY_S = 1.0
 LANDED_FOR_S = 1.0
 """The land detector must say so for this long."""
@@ -107,6 +111,8 @@ class Pipeline:
         self._thrust.compensated = self._compensated
         self._calibration = ScaleCalibration(parameters)
         self._payload = PayloadWatch(parameters)
+        self._mass = self._payload.mass
+        self._payload_mass_kg = parameters.payload.mass_kg
         self._estimator = make_estimator(parameters)
         self._streams = StreamWatch(parameters)
         self._health = HealthWatch(parameters)
@@ -172,6 +178,16 @@ class Pipeline:
     def payload(self) -> PayloadState:
         """What hangs below the vehicle."""
         return self._payload.state
+
+    @property
+    def payload_reason(self) -> str:
+        """Why `payload` is what it is, in words."""
+        return self._payload.reason
+
+    @property
+    def payload_mass(self) -> MassEstimate:
+        """The load's mass as the flight tells it."""
+        return self._payload.mass
 
     @property
     def correcting(self) -> bool:
@@ -296,21 +312,16 @@ class Pipeline:
             self._commander.drop()
             return []
         thrust = self._read_inputs(interval, tilt)
-        acc, force = _vec3(self._acc_hook), _vec3(self._force)
-        known = thrust.source is not ThrustSource.REMARK_1
-        position = self._position
-        climbing = (
-            position is not None
-            and interval.t_boot_s - position.t_boot_s < VELOCITY_AGE_MAX_S
-            and position.vel_ned_mps[2] < -CLIMB_MPS
-        )
-        if self._payload.update(interval.dt_s, force, acc, known, self._landed, climbing):
-            self._payload_changed()
+        told: list[Action] = []
+        if self._payload.update(self._payload_sample(interval, thrust)):
+            told.append(self._payload_changed())
+        if self._payload.mass is not self._mass:
+            told += self._mass_changed()
         hangs = self._hangs
         if hangs:
             self._advance(interval)
         if self._payload.state is PayloadState.ATTACHED:
-            self._calibrate(interval.dt_s, tilt, thrust.curve_n, acc[2])
+            self._calibrate(interval.dt_s, tilt, thrust.curve_n, float(self._acc_hook[2]))
         estimate = self._estimate
         swing_in_heading(
             self._angles,
@@ -324,7 +335,7 @@ class Pipeline:
         )
         if hangs:
             self._health.step(interval.dt_s, estimate.nis, float(max(self._angles[4], self._angles[5])))
-        return self._command(interval, tilt, thrust.thrust_n, self._assess())
+        return told + self._command(interval, tilt, thrust.thrust_n, self._assess())
 
     def _read_inputs(self, interval: ImuInterval, tilt: Tilt) -> ThrustReading:
         """Fill acceleration and force of this interval, level frame; return the thrust."""
@@ -357,6 +368,24 @@ class Pipeline:
         thrust = self._thrust.read(interval.t_mean_s, self._calibration.scale, _vec3(self._acc_hook), known_force)
         self._force -= thrust.thrust_n * self._rotation[:, 2]
         return thrust
+
+    def _payload_sample(self, interval: ImuInterval, thrust: ThrustReading) -> PayloadSample:
+        """What this interval shows of the load."""
+        force, body_down = _vec3(self._force), _vec3(self._rotation[:, 2])
+        position = self._position
+        if position is not None and interval.t_boot_s - position.t_boot_s >= VELOCITY_AGE_MAX_S:
+            position = None
+        return PayloadSample(
+            dt_s=interval.dt_s,
+            force_n=force,
+            lift_n=(thrust.curve_n - thrust.thrust_n) * body_down[2] - force[2],
+            acc_mps2=_vec3(self._acc_hook),
+            body_down=body_down,
+            thrust_known=thrust.source is not ThrustSource.REMARK_1,
+            landed=self._landed,
+            vel_mps=None if position is None else position.vel_ned_mps,
+            altitude_m=None if position is None else -position.pos_ned_m[2],
+        )
 
     def _advance(self, interval: ImuInterval) -> None:
         """Carry the estimate over one interval, the part without samples first."""
@@ -393,7 +422,7 @@ class Pipeline:
         ):
             self._ground()
 
-    def _payload_changed(self) -> None:
+    def _payload_changed(self) -> StatusText:
         """The load was lifted, lost or assumed."""
         if self._payload.state is PayloadState.ATTACHED:
             self._calibration.restart()
@@ -403,6 +432,33 @@ class Pipeline:
         elif self._estimating:
             self._reset(ResetReason.SLACK)
         self._estimating = self._hangs
+        return StatusText(Severity.NOTICE, f"{self._payload.state.value}: {self._payload.reason}")
+
+    def _mass_changed(self) -> list[Action]:
+        """The load was weighed, or its mass is no longer known."""
+        before, mass = self._mass, self._payload.mass
+        self._mass = mass
+        if mass.mass_kg is None or mass.std_kg is None:
+            return [StatusText(Severity.WARNING, mass.reason)] if before.mass_kg is not None and self._hangs else []
+        text = f"load {mass.mass_kg:.3g} +- {mass.std_kg:.1g} kg by thrust"
+        wanted = self._parameters.payload.estimate_mass is MassUse.USE
+        apart = abs(mass.mass_kg - self._payload_mass_kg) > max(2.0 * mass.std_kg, MASS_SHARE * self._payload_mass_kg)
+        if wanted and apart and mass.std_kg < MASS_STD_SHARE * mass.mass_kg:
+            self._use_mass(mass.mass_kg)
+            text += ", now used"
+        return [StatusText(Severity.NOTICE, text)]
+
+    def _use_mass(self, mass_kg: float) -> None:
+        """Estimate, calibrate and correct with another mass of the load; the estimate begins anew."""
+        parameters = self._parameters
+        self._payload_mass_kg = mass_kg
+        weighed = replace(parameters, payload=replace(parameters.payload, mass_kg=mass_kg))
+        resets = self._estimator.resets
+        self._estimator = make_estimator(weighed)
+        self._estimator.resets.update(resets)
+        self._calibration.set_load(mass_kg)
+        self._commander.configure(weighed)
+        self._reset(ResetReason.PARAMETERS)
 
     @property
     def _hangs(self) -> bool:
@@ -467,6 +523,8 @@ class Pipeline:
                 correction_acc_ned_mps2=(*push.acc_mps2, 0.0),
                 correction_vel_ned_mps=(*push.vel_mps, 0.0),
                 health=self.health,
+                payload_mass_kg=self._mass.mass_kg,
+                payload_mass_std_kg=self._mass.std_kg,
             )
         )
         return actions

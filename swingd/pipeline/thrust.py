@@ -169,13 +169,18 @@ class ScaleCalibration:
     def __init__(self, parameters: Parameters) -> None:
         self._rate_per_s = parameters.thrust.scale_rate_per_s
         self._range = parameters.thrust.scale_range
-        self._weight_kg = parameters.vehicle.mass_kg + parameters.payload.mass_kg
+        self._mass_kg = parameters.vehicle.mass_kg
+        self.set_load(parameters.payload.mass_kg)
         self.scale = 1.0
         self.frozen = False
         """A step of thrust against weight was seen."""
         self._quiet_s = 0.0
         self._ratio: float | None = None
         self._reference: float | None = None
+
+    def set_load(self, payload_mass_kg: float) -> None:
+        """Take another mass of the load."""
+        self._weight_kg = self._mass_kg + payload_mass_kg
 
     def restart(self) -> None:
         """The load was lifted anew: the next quiet hover is a new reference; the scale stays."""
