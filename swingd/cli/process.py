@@ -18,6 +18,11 @@ EXIT_CODES = "Exit codes: 0 done, 2 wrong usage, 78 wrong configuration, 1 any o
 def report(error: SwingdError) -> int:
     """Write an expected error on standard error; return the exit code."""
     print(f"swingd: {error}", file=sys.stderr)
+    return exit_code(error)
+
+
+def exit_code(error: SwingdError) -> int:
+    """Exit code that an expected error ends a command with."""
     return EXIT_CONFIG if isinstance(error, ConfigurationError | LinkUrlError) else EXIT_FAILURE
 
 

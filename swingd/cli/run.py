@@ -4,12 +4,14 @@ import argparse
 import asyncio
 import json
 import os
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from swingd.cli.process import EXIT_CODES, check_output, event_loop_factory, report
+from swingd.cli.process import EXIT_CODES, check_output, event_loop_factory, exit_code, report
 from swingd.model.errors import SwingdError
+from swingd.model.parameters import Parameters
 
 SUMMARY = "Run the daemon until SIGINT or SIGTERM: forward, estimate the swing, publish it and, by its mode, damp it."
 EXAMPLES = """\
@@ -27,7 +29,17 @@ def main(arguments: Sequence[str]) -> int:
     try:
         return _run(given)
     except SwingdError as error:
-        return report(error)
+        return _report(error)
+
+
+def _report(error: SwingdError) -> int:
+    """Write an expected error as the log is written; return the exit code."""
+    from swingd.service.logs import journald_reads, with_priority
+
+    if journald_reads(os.environ):
+        print(with_priority("error", f"swingd: {error}"), file=sys.stderr)
+        return exit_code(error)
+    return report(error)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -70,8 +82,9 @@ def _parser() -> argparse.ArgumentParser:
 def _run(given: argparse.Namespace) -> int:
     from swingd.config.cache import load_cached
     from swingd.service.daemon import Daemon
-    from swingd.service.logs import Log, level_of
+    from swingd.service.logs import Log, journald_reads, level_of
     from swingd.service.state import StateFile
+    from swingd.service.status import StatusServer
 
     overrides = list(given.overrides)
     if given.autopilot is not None:
@@ -81,7 +94,7 @@ def _run(given: argparse.Namespace) -> int:
     parameters = load_cached(given.config, overrides)
     check_output(given.record, "--record", (given.config,), keep=True)
     check_output(given.summary, "--summary", (given.config,))
-    log = Log(under_journald="JOURNAL_STREAM" in os.environ)
+    log = Log(under_journald=journald_reads(os.environ))
     state = StateFile(given.config, lambda note: log.write(level_of(note.severity), note.text))
 
     supervisor = None
@@ -90,11 +103,35 @@ def _run(given: argparse.Namespace) -> int:
 
         supervisor = Supervisor.from_environment(os.environ)
 
+    def reread() -> Parameters:
+        from swingd.service.reload import read_configuration
+
+        return read_configuration(given.config, overrides)
+
     async def serve() -> None:
-        summary = await Daemon(parameters, given.record, state, log, supervisor).run()
+        # Whoever closes the terminal of a process ends it by SIGHUP; one without a terminal is asked to read again.
+        daemon = Daemon(
+            parameters,
+            given.record,
+            state,
+            log,
+            supervisor,
+            StatusServer(given.config),
+            None if _has_terminal() else reread,
+        )
+        summary = await daemon.run()
         if given.summary is not None:
             given.summary.write_text(json.dumps(asdict(summary)) + "\n", encoding="utf-8")
 
     with asyncio.Runner(loop_factory=event_loop_factory()) as runner:
         runner.run(serve())
     return 0
+
+
+def _has_terminal() -> bool:
+    """Whether the process has a controlling terminal, wherever its output goes."""
+    try:
+        os.close(os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY))
+    except OSError:
+        return False
+    return True

@@ -16,7 +16,9 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from pymavlink.dialects.v20 import common as mavlink
 
 import swingd
 from swingd.config.plain import parameters_to_json
@@ -26,17 +28,19 @@ from swingd.link.codec import Frame
 from swingd.link.router import AUTOPILOT, endpoint_of, peer_of
 from swingd.link.transport import TransportState
 from swingd.link.url import SerialPort
-from swingd.model.actions import Action, Setpoint, StatusText, SwingReport
-from swingd.model.errors import LinkOpenError
-from swingd.model.events import Stream
+from swingd.model.actions import Action, Health, Setpoint, Severity, StatusText, SwingReport
+from swingd.model.errors import LinkOpenError, SwingdError
+from swingd.model.events import FlightMode, Stream
 from swingd.model.ground_parameters import GroundParameter
 from swingd.model.host import LinkKind
 from swingd.model.parameters import Mode, Parameters
 from swingd.record.event_log import EventLogWriter
+from swingd.service.condition import Standing, condition, health_of, refusals
 from swingd.service.links import Link, settings_of
 from swingd.service.logs import Log, level_of
 from swingd.service.meter import Meter, Summary
 from swingd.service.state import StateFile
+from swingd.service.status import StatusServer
 
 if TYPE_CHECKING:
     # Only under systemd there is one.
@@ -49,8 +53,19 @@ BACKLOG_MAX_BYTES = 256
 """On the way to the autopilot: beyond it what is soon said again is left out, so that nothing waits for long."""
 LOAD_AFTER_S = 0.5
 """The filter is loaded once the first frame has been forwarded, or after this time without any."""
+HAND_BACK_SPARE_S = 0.5
+"""Beyond the fade's own time: after it the end waits for no filter step any more."""
 GARBAGE_THRESHOLD = 50_000
 """Objects between two collections: the engine makes no cycles, and a setpoint should not wait for the collector."""
+
+
+_LEVELS = {Health.DEGRADED: "warning", Health.FAULT: "error"}
+_FAREWELLS = {
+    Mode.HOLD: "swingd ends: its setpoints end, failsafe acts next",
+    Mode.INLINE: "swingd ends: nothing passes through it any more",
+    Mode.SHADOW: "swingd ends: nothing passes through it any more",
+}
+"""What the pilot is told in flight; each in the 50 characters of one STATUSTEXT."""
 
 
 class Daemon:
@@ -68,6 +83,11 @@ class Daemon:
         Where lines go.
     supervisor : Supervisor, optional
         The service manager that is told of readiness, health and progress.
+    status : StatusServer, optional
+        Where whoever asks is told how it is.
+    reread : callable, optional
+        Gives the parameters as they are configured now, or raises a `SwingdError`; called in a thread when SIGHUP asks
+        for it. Without it SIGHUP ends the daemon like SIGTERM.
 
     Raises
     ------
@@ -84,8 +104,12 @@ class Daemon:
         state: StateFile | None = None,
         log: Log | None = None,
         supervisor: "Supervisor | None" = None,
+        status: StatusServer | None = None,
+        reread: Callable[[], Parameters] | None = None,
     ) -> None:
         self._log = log or Log()
+        self._status_server = status
+        self._reread = reread
         self._supervisor = supervisor
         self._state = state
         if state is not None:
@@ -103,7 +127,12 @@ class Daemon:
         signing = links[0].key is not None
         self._engine = Engine(parameters, self._see, self._event_log, signing, self._set, self._pass)
         self._meter = Meter()
+        self._begun_s = time.monotonic()
+        self._standing = Standing(Health.INIT, "", self._begun_s)
+        self._leaving = False
+        self._told_stopping = False
         self._stop = asyncio.Event()
+        self._reload_asked = asyncio.Event()
         self._forwarded = asyncio.Event()
         self._setpoints_made = 0
         self._known = False
@@ -111,7 +140,7 @@ class Daemon:
         self._unopened: set[str] = set()
 
     async def run(self, on_ready: Callable[[], None] | None = None) -> Summary:
-        """Serve until `stop` or SIGINT, SIGTERM, SIGHUP; return the figures of the run.
+        """Serve until `stop`, SIGINT or SIGTERM; return the figures of the run.
 
         Raises
         ------
@@ -119,26 +148,24 @@ class Daemon:
             If the link to the autopilot cannot be opened; an endpoint is tried again until it can.
         """
         loop = asyncio.get_running_loop()
-        handled = []
+        handled: list[int] = []
         tasks: list[asyncio.Task[None]] = []
         try:
             await self._links[0].open()
             retried = [task for link in self._links[1:] if (task := await self._open_endpoint(link)) is not None]
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-                # Outside of the main thread the host has its own way to stop.
-                with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
-                    loop.add_signal_handler(number, self.stop)
-                    handled.append(number)
+            handled = self._handle_signals(loop)
             self._announce()
             if on_ready is not None:
                 on_ready()
             if self._supervisor is not None:
                 self._supervisor.ready()
-            tasks = [*retried, asyncio.create_task(self._load()), asyncio.create_task(self._report_host())]
+            self._open_status()
+            works = (self._load(), self._report_host(), self._reload_when_asked())
+            tasks = [*retried, *(asyncio.create_task(work) for work in works)]
             await self._tick_until_stopped()
         finally:
-            if self._supervisor is not None:
-                self._supervisor.stopping()
+            self._tell_stopping()
+            # From here on a signal does what it does by itself: whoever is in a hurry need not wait for a slow disk.
             for number in handled:
                 loop.remove_signal_handler(number)
             for task in tasks:
@@ -150,16 +177,47 @@ class Daemon:
                 self._event_log.close()
             if self._state is not None:
                 self._state.close()
+            if self._status_server is not None:
+                self._status_server.close()
             if self._supervisor is not None:
                 self._supervisor.close()
         summary = self._meter.summary()
         self._log.info("stopped", **_rounded(summary), **self._refusals())
-        self._log.open()
+        self._log.close()
         return summary
 
     def stop(self) -> None:
-        """End `run`."""
-        self._stop.set()
+        """End `run`, once a correction has faded and its application commands alone; called again, at once."""
+        if self._leaving:
+            self._stop.set()
+        self._leaving = True
+
+    def reload(self) -> None:
+        """Read the configuration again and take over what can change while it runs."""
+        self._reload_asked.set()
+
+    def _handle_signals(self, loop: asyncio.AbstractEventLoop) -> list[int]:
+        """Take over the signals that end and reload; return which."""
+        actions = {
+            signal.SIGINT: self.stop,
+            signal.SIGTERM: self.stop,
+            signal.SIGHUP: self.stop if self._reread is None else self.reload,
+        }
+        if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+            # Started by nohup: whoever closes the terminal wants it to go on.
+            del actions[signal.SIGHUP]
+        handled: list[int] = []
+        for number, action in actions.items():
+            # Outside of the main thread the host has its own way to stop.
+            with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
+                loop.add_signal_handler(number, action)
+                handled.append(number)
+        return handled
+
+    def _tell_stopping(self) -> None:
+        if self._supervisor is not None and not self._told_stopping:
+            self._told_stopping = True
+            self._supervisor.stopping()
 
     async def _open_endpoint(self, link: Link) -> "asyncio.Task[None] | None":
         """Open an endpoint; one that cannot be opened is tried again, because the others must not wait for it."""
@@ -199,6 +257,22 @@ class Daemon:
             if link.settings.exposed_key is not None:
                 self._log.warning("others may read the signing key", file=str(link.settings.exposed_key))
 
+    def _open_status(self) -> None:
+        """Answer who asks how it is; where that cannot be, it flies all the same."""
+        if self._status_server is None:
+            return
+        try:
+            others = self._status_server.open(self._condition)
+        except OSError as error:
+            self._log.warning(
+                "nobody can ask for the status",
+                socket=str(self._status_server.path),
+                reason=error.strerror or str(error),
+            )
+            return
+        if others:
+            self._log.warning("another swingd runs with the same configuration", pids=list(others))
+
     async def _load(self) -> None:
         """Load the filter in a thread, then let it join."""
         with contextlib.suppress(TimeoutError):
@@ -236,6 +310,7 @@ class Daemon:
 
     async def _tick_until_stopped(self) -> None:
         due_s = flush_s = time.monotonic()
+        leave_s: float | None = None
         while not self._stop.is_set():
             now_s = time.monotonic()
             # After a stall the ticks that were missed are not made up.
@@ -244,12 +319,109 @@ class Daemon:
                 await asyncio.wait_for(self._stop.wait(), due_s - now_s if due_s > now_s else 0.0)
             now_s = time.monotonic()
             self._send(self._engine.tick(now_s))
+            self._note_health(now_s)
+            self._log.tick()
             if self._event_log is not None and now_s - flush_s > LOG_FLUSH_S:
                 flush_s = now_s
                 self._event_log.flush()
             if self._supervisor is not None:
-                self._supervisor.status(self._status())
+                if not self._leaving:
+                    self._supervisor.status(self._status())
                 self._supervisor.feed(now_s, self._engine.adapter.received[Stream.IMU], self._intervals())
+            if self._leaving and leave_s is None:
+                leave_s = self._hand_back(now_s)
+            if leave_s is not None and (now_s >= leave_s or not self._is_correcting):
+                return
+
+    @property
+    def _is_correcting(self) -> bool:
+        return self._engine.has_joined and self._engine.pipeline.correcting
+
+    def _hand_back(self, now_s: float) -> float:
+        """Let the correction fade, so that whoever commanded commands alone; return when to leave at the latest [s]."""
+        self._tell_stopping()
+        engine = self._engine
+        if not engine.has_joined:
+            return now_s
+        if engine.pipeline.armed and engine.pipeline.flight_mode is FlightMode.OFFBOARD:
+            self._tell_pilot(now_s, _FAREWELLS[engine.parameters.mode])
+        if not self._is_correcting:
+            return now_s
+        # Not the user's choice, and so nothing to be kept for the next start.
+        state, self._state = self._state, None
+        self._send(engine.switch_correction(now_s, False))
+        self._state = state
+        return now_s + engine.parameters.control.fade_out_s + HAND_BACK_SPARE_S
+
+    def _tell_pilot(self, now_s: float, text: str) -> None:
+        """Send a text of the host's own, of at most 50 characters."""
+        self._send(self._engine.tell(now_s, mavlink.MAVLink_statustext_message(Severity.WARNING, text.encode())))
+
+    def _note_health(self, now_s: float) -> None:
+        """Log a change of the health or of its reason."""
+        health, reason = health_of(self._engine, self._load_problem)
+        before = self._standing
+        if (health, reason) == (before.health, before.reason):
+            return
+        self._standing = Standing(health, reason, now_s)
+        self._log.write(
+            _LEVELS.get(health, "info"),
+            f"swingd {health.value}",
+            reason=reason,
+            was=before.health.value,
+            for_s=round(now_s - before.since_s, 2),
+        )
+
+    def _condition(self) -> dict[str, Any]:
+        assert self._status_server is not None
+        return condition(
+            time.monotonic(),
+            self._begun_s,
+            self._status_server.configuration,
+            self._standing,
+            self._engine,
+            self._links,
+            self._meter,
+            self._event_log,
+        )
+
+    # ---- configuration
+
+    async def _reload_when_asked(self) -> None:
+        while True:
+            await self._reload_asked.wait()
+            self._reload_asked.clear()
+            if self._reread is not None:
+                await self._reload(self._reread)
+
+    async def _reload(self, reread: Callable[[], Parameters]) -> None:
+        """Take over a configuration that was changed; the old one stays where the new one is wrong."""
+        if self._supervisor is not None:
+            self._supervisor.reloading()
+        try:
+            configured = await asyncio.get_running_loop().run_in_executor(None, reread)
+        except SwingdError as error:
+            self._log.error("the configuration is refused, the old one stays", reason=str(error))
+            self._tell_pilot(time.monotonic(), "swingd: configuration refused, the old one stays")
+        else:
+            self._reconfigure(configured)
+        if self._supervisor is not None:
+            self._supervisor.ready()
+
+    def _reconfigure(self, configured: Parameters) -> None:
+        from swingd.service.reload import Change
+
+        if self._state is not None:
+            configured, notes = self._state.reconfigure(configured)
+            for note in notes:
+                self._log.write(level_of(note.severity), note.text)
+        change = Change.between(self._engine.parameters, configured)
+        if change.taken:
+            text = parameters_to_json(change.parameters)
+            self._send(self._engine.change_parameters(time.monotonic(), change.parameters, text))
+        self._log.info("configuration read again", changed=list(change.taken))
+        if change.waiting:
+            self._log.warning("what changes only with a restart", keys=list(change.waiting))
 
     def _intervals(self) -> int | None:
         """Filter intervals taken so far; None where there is no pipeline yet and starting again would give none."""
@@ -260,18 +432,10 @@ class Daemon:
 
     def _status(self) -> str:
         """Say in one line how things are."""
-        engine = self._engine
-        if engine.failure is not None:
-            state = f"fault: {engine.failure}; everything passes uncorrected"
-        elif self._load_problem:
-            state = f"the filter cannot be loaded: {self._load_problem}; everything passes uncorrected"
-        elif not engine.has_joined:
-            state = "loading the filter; everything passes uncorrected"
-        else:
-            pipeline = engine.pipeline
-            state = f"{pipeline.health.value}: {pipeline.reason}" if pipeline.reason else pipeline.health.value
+        health, reason = health_of(self._engine, self._load_problem)
+        state = f"{health.value}: {reason}" if reason else health.value
         unopened = "".join(f"; {name} cannot be opened" for name in sorted(self._unopened))
-        return f"mode {engine.parameters.mode.value}, {state}{unopened}"
+        return f"mode {self._engine.parameters.mode.value}, {state}{unopened}"
 
     async def _report_host(self) -> None:
         """Tell the state of this computer once a second."""
@@ -341,8 +505,13 @@ class Daemon:
             self._meter.report(action)
         elif isinstance(action, Setpoint):
             self._setpoints_made += 1
-        elif isinstance(action, StatusText):
+        elif isinstance(action, StatusText) and not self._is_health(action):
             self._log.write(level_of(action.severity), action.text)
+
+    def _is_health(self, text: StatusText) -> bool:
+        """Whether a text tells the health, which has a line of its own with its fields."""
+        health, _ = health_of(self._engine)
+        return text.severity > Severity.CRITICAL and text.text.startswith(f"swingd {health.value}")
 
     def _set(self, parameters: Parameters, parameter: GroundParameter) -> None:
         if self._state is not None:
@@ -350,17 +519,7 @@ class Daemon:
 
     def _refusals(self) -> dict[str, dict[str, int]]:
         """What was not used, by reason, empty ones left out."""
-        engine = self._engine
-        ports = {link.settings.name: link.counters.refused for link in self._links if link.counters.refused}
-        counts = {
-            "drops": {drop.value: count for drop, count in (engine.adapter.drops | engine.drops).items()},
-            "routing": {refusal.value: count for refusal, count in engine.router.refusals.items()},
-            "access": ports,
-        }
-        if engine.has_joined:
-            counts["refusals"] = {name: count for name, count in engine.pipeline.refusals.items() if count}
-            counts["resets"] = {reason.name.lower(): count for reason, count in engine.pipeline.resets.items() if count}
-        return counts
+        return {kind: counts for kind, counts in refusals(self._engine, self._links).items() if counts}
 
     def _recording_ended(self, reason: str) -> None:
         self._log.error("recording ended", reason=reason)

@@ -9,7 +9,7 @@ from swingd.link.codec import Frame, cut_frames
 from swingd.link.port import Port, PortCounters
 from swingd.link.router import AUTOPILOT, port_of
 from swingd.link.signing import key_is_exposed, read_key
-from swingd.link.transport import Transport, TransportState, open_transport
+from swingd.link.transport import Transport, TransportCounters, TransportState, open_transport
 from swingd.link.url import LOOPBACK, LinkUrl, parse_url
 from swingd.model.parameters import Endpoint, Parameters
 
@@ -121,9 +121,17 @@ class Link:
     @property
     def traffic(self) -> tuple[int, int]:
         """Bytes sent and received."""
-        if self._transport is None:
-            return 0, 0
-        return self._transport.counters.bytes_out, self._transport.counters.bytes_in
+        return self.transport_counters.bytes_out, self.transport_counters.bytes_in
+
+    @property
+    def state(self) -> TransportState:
+        """Where its transport stands; one that could not be opened yet waits."""
+        return TransportState.WAITING if self._transport is None else self._transport.state
+
+    @property
+    def transport_counters(self) -> TransportCounters:
+        """What its transport has seen."""
+        return TransportCounters() if self._transport is None else self._transport.counters
 
     @property
     def backlog_bytes(self) -> int:

@@ -10,8 +10,23 @@ from swingd.model.actions import SwingReport
 
 LATENCIES_KEPT = 1 << 17
 """About twenty minutes of setpoints."""
+RECENT = 2048
+"""Setpoints whose latency tells how it is now: some twenty seconds."""
 STAMPS_KEPT = 4096
 """About forty seconds of filter steps: the rate is that of the end, not of the start, when streams are still slow."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recent:
+    """How it goes now; costs less than a millisecond to ask for."""
+
+    filter_steps: int
+    """Since the start."""
+    filter_hz: float
+    """Over the autopilot's time, the last 4096 steps."""
+    latency_ms_p50: float | None
+    """Of the last 2048 setpoints; see `Summary`."""
+    latency_ms_p99: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +56,7 @@ class Meter:
 
     def __init__(self) -> None:
         self._latencies_s = array("d")
+        self._recent_s: deque[float] = deque(maxlen=RECENT)
         self._setpoints = 0
         self._steps = 0
         self.forwarded = 0
@@ -61,22 +77,32 @@ class Meter:
 
     def setpoint(self, latency_s: float) -> None:
         """Note a setpoint and the time since the bytes that caused it were received."""
+        self._recent_s.append(latency_s)
         if len(self._latencies_s) < LATENCIES_KEPT:
             self._latencies_s.append(latency_s)
         else:
             self._latencies_s[self._setpoints % LATENCIES_KEPT] = latency_s
         self._setpoints += 1
 
+    @property
+    def _filter_hz(self) -> float:
+        stamps_s = self._stamps_s
+        span_s = stamps_s[-1] - stamps_s[0] if stamps_s else 0.0
+        return (len(stamps_s) - 1) / span_s if span_s > 0.0 else 0.0
+
+    def recent(self) -> Recent:
+        """Return how it goes now."""
+        latencies_ms = sorted(1e3 * latency_s for latency_s in self._recent_s)
+        return Recent(self._steps, self._filter_hz, _quantile(latencies_ms, 0.5), _quantile(latencies_ms, 0.99))
+
     def summary(self) -> Summary:
         """Return the figures so far."""
         duration_s = time.monotonic() - self._begun_s if self._begun_s is not None else 0.0
-        stamps_s = self._stamps_s
-        span_s = stamps_s[-1] - stamps_s[0] if stamps_s else 0.0
         latencies_ms = sorted(1e3 * latency_s for latency_s in self._latencies_s)
         return Summary(
             duration_s=duration_s,
             filter_steps=self._steps,
-            filter_hz=(len(stamps_s) - 1) / span_s if span_s > 0.0 else 0.0,
+            filter_hz=self._filter_hz,
             forwarded=self.forwarded,
             left_out=self.left_out,
             setpoints=self._setpoints,

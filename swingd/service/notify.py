@@ -6,6 +6,7 @@ Light, and only imported under systemd: it is part of the way to the first forwa
 import contextlib
 import os
 import socket
+import time
 from collections.abc import Mapping
 
 from swingd.model.errors import ConfigurationError
@@ -62,8 +63,15 @@ class Supervisor:
         return cls(address, period_us * 1e-6)
 
     def ready(self) -> None:
-        """Tell that the links are open: from now on what is received is forwarded."""
+        """Tell that the links are open, from now on what is received is forwarded; or that a reload has ended."""
+        for name in ("RELOADING", "MONOTONIC_USEC"):
+            self._owed.pop(name, None)
         self._tell(READY="1")
+
+    def reloading(self) -> None:
+        """Tell that the configuration is being read again, until `ready`."""
+        self._owed.pop("READY", None)
+        self._tell(RELOADING="1", MONOTONIC_USEC=str(time.monotonic_ns() // 1000))
 
     def stopping(self) -> None:
         """Tell that the end has begun."""

@@ -69,11 +69,7 @@ class StateFile:
         """The state file; None if there is no home for it."""
         if self._folder is None:
             return None
-        if self._configuration is None:
-            return self._folder / "default.json"
-        # Two configurations of the same name are told apart by their folders.
-        digest = hashlib.sha256(os.fsencode(self._configuration)).hexdigest()[:12]
-        return self._folder / f"{self._configuration.stem[:64]}-{digest}.json"
+        return self._folder / f"{configuration_name(self._configuration)}.json"
 
     def apply(self, parameters: Parameters) -> tuple[Parameters, tuple[StatusText, ...]]:
         """Read the file and put its values over those of the configuration; never raises.
@@ -91,11 +87,20 @@ class StateFile:
         notes : tuple of StatusText
             For the log: every value that differs from the configuration, and whatever was wrong.
         """
+        notes: list[StatusText] = []
+        return self._put_over(parameters, self._read(notes), notes)
+
+    def reconfigure(self, parameters: Parameters) -> tuple[Parameters, tuple[StatusText, ...]]:
+        """Put the values over those of a configuration that was read again; as `apply`, without reading the file."""
+        return self._put_over(parameters, self._entries, [])
+
+    def _put_over(
+        self, parameters: Parameters, entries: dict[str, _Entry], notes: list[StatusText]
+    ) -> tuple[Parameters, tuple[StatusText, ...]]:
         self._configured = parameters
         self._entries = {}
-        notes: list[StatusText] = []
         overruled = False
-        for key, entry in self._read(notes).items():
+        for key, entry in entries.items():
             parameter = BY_KEY[key]
             configured = parameter.get(parameters)
             if configured != entry.configured:
@@ -254,6 +259,15 @@ class StateFile:
                 os.fsync(folder)
             finally:
                 os.close(folder)
+
+
+def configuration_name(configuration: Path | None) -> str:
+    """Name for what belongs to one configuration: two of the same file name are told apart by their folders."""
+    if configuration is None:
+        return "default"
+    absolute = configuration.absolute()
+    digest = hashlib.sha256(os.fsencode(absolute)).hexdigest()[:12]
+    return f"{absolute.stem[:64]}-{digest}"
 
 
 def state_folder() -> Path | None:

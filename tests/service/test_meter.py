@@ -5,7 +5,7 @@ import time
 import pytest
 
 from swingd.model.actions import Health, SwingReport
-from swingd.service.meter import Meter
+from swingd.service.meter import RECENT, Meter
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -42,6 +42,18 @@ def test_latencies_are_percentiles_of_what_was_kept() -> None:
     assert summary.latency_ms_p50 == pytest.approx(0.5, abs=0.01)
     assert summary.latency_ms_p99 == pytest.approx(0.99, abs=0.01)
     assert summary.latency_ms_max == pytest.approx(1.0)
+
+
+def test_the_recent_latencies_are_those_of_the_last_setpoints() -> None:
+    meter = Meter()
+    assert (meter.recent().latency_ms_p50, meter.recent().latency_ms_p99) == (None, None)
+    for _ in range(3 * RECENT):
+        meter.setpoint(0.5)
+    for k in range(RECENT):
+        meter.setpoint(1e-3 * k / RECENT)
+    recent = meter.recent()
+    assert recent.latency_ms_p50 == pytest.approx(0.5, abs=0.01)
+    assert recent.latency_ms_p99 == pytest.approx(0.99, abs=0.01)
 
 
 def test_the_processor_time_is_that_of_this_process() -> None:

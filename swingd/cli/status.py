@@ -1,0 +1,257 @@
+"""``swingd status``."""
+
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swingd.cli import options
+from swingd.service.status import StatusError, StatusSocket, ask, sockets
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+EXAMPLES = """\b
+Examples:
+  swingd status                       # of the only one that runs
+  swingd status x500                  # of the one that flies by x500.yaml; a service's name, too
+  swingd status -c configs/x500.yaml --json
+  swingd status --watch
+
+Exit codes: 0 healthy (init, ready, active), 1 degraded or fault, 2 wrong usage or several to choose from,
+3 no swingd answers.
+"""
+
+EXIT_UNHEALTHY = 1
+EXIT_SEVERAL = 2
+EXIT_NOBODY = 3
+WATCH_S = 1.0
+LATE_SHARE = 0.75
+"""Of the rate that is asked for: below it an input is shown as slow, as swingd itself judges it."""
+_HEALTHY = ("init", "ready", "active")
+_PLAIN_WIDTH = 120
+_LABEL_WIDTH = 12
+_STYLES = {"init": "cyan", "ready": "green", "active": "bold green", "degraded": "yellow", "fault": "bold red"}
+_KINDS = {"px4": "PX4", "ardupilot": "ArduPilot", "other": "neither PX4 nor ArduPilot"}
+
+
+class _SeveralError(StatusError):
+    """There is more than one daemon, and nothing says which is meant."""
+
+
+def status(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[NAME]", help="The configuration's file without .yaml, where several run."),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option("-c", "--config", metavar="FILE", help="The configuration that it was started with.")
+    ] = None,
+    pid: Annotated[int | None, typer.Option("--pid", metavar="N", help="The process, where several are alike.")] = None,
+    watch: Annotated[bool, typer.Option("--watch", help="Show it anew every second, until Ctrl-C.")] = False,
+    as_json: options.Json = False,
+) -> None:
+    """Show how a running swingd is: health and reason, correction and what withholds it, inputs, refusals, latency."""
+    if name is not None and config is not None:
+        raise typer.BadParameter("give NAME or --config, not both")
+
+    def look() -> tuple[int, "dict[str, Any] | str"]:
+        try:
+            told = ask(_find(name, config, pid).path)
+        except StatusError as error:
+            return EXIT_SEVERAL if isinstance(error, _SeveralError) else EXIT_NOBODY, str(error)
+        return 0 if told["health"]["state"] in _HEALTHY else EXIT_UNHEALTHY, told
+
+    if watch:
+        raise typer.Exit(_watch(look, as_json))
+    code, told = look()
+    _print(told, as_json)
+    raise typer.Exit(code)
+
+
+def _find(name: str | None, config: Path | None, pid: int | None) -> StatusSocket:
+    """Return the one socket that is meant.
+
+    Raises
+    ------
+    StatusError
+        If there is none, or more than one.
+    """
+    found = [
+        socket
+        for socket in sockets()
+        if (name is None or socket.name == name)
+        and (config is None or socket.belongs_to(config))
+        and (pid is None or socket.pid == pid)
+    ]
+    meant = f" by {config}" if config is not None else f" by the name {name}" if name is not None else ""
+    meant += "" if pid is None else f" as process {pid}"
+    if not found:
+        raise StatusError(f"no swingd runs{meant} that this user may ask; a service: sudo, or the group swingd")
+    if len(found) > 1:
+        lines = "".join(f"\n  swingd status {socket.name} --pid {socket.pid}" for socket in found)
+        raise _SeveralError(f"{len(found)} swingd run{meant}; expected one of:{lines}")
+    return found[0]
+
+
+# ------------------------------------------------------------------------------------------------------ output
+
+
+def _print(told: "dict[str, Any] | str", as_json: bool) -> None:
+    if isinstance(told, str):
+        typer.echo(f"swingd: {told}", err=True)
+    elif as_json:
+        typer.echo(json.dumps(told))
+    else:
+        from rich.console import Console
+
+        if sys.stdout.isatty():
+            Console(highlight=False).print(_page(told))
+            return
+        console = Console(highlight=False, width=_PLAIN_WIDTH, color_system=None)
+        with console.capture() as page:
+            console.print(_page(told))
+        typer.echo("\n".join(line.rstrip() for line in page.get().splitlines()))
+
+
+def _watch(look: Any, as_json: bool) -> int:
+    """Show it until Ctrl-C; return the last exit code. One that ends is waited for: it may be started again."""
+    code = 0
+    with contextlib.suppress(KeyboardInterrupt):
+        if as_json or not sys.stdout.isatty():
+            while True:
+                code, told = look()
+                _print(told, as_json)
+                sys.stdout.flush()
+                time.sleep(WATCH_S)
+        from rich.console import Console
+        from rich.live import Live
+        from rich.text import Text
+
+        with Live(console=Console(highlight=False), screen=True, auto_refresh=False) as live:
+            while True:
+                code, told = look()
+                live.update(Text(told) if isinstance(told, str) else _page(told), refresh=True)
+                time.sleep(WATCH_S)
+    return code
+
+
+def _page(told: dict[str, Any]) -> "RenderableType":
+    """Lay out what a daemon has told."""
+    from rich.console import Group
+    from rich.text import Text
+
+    configuration = told["configuration"] or "no configuration file"
+    title = Text.assemble(
+        (f"swingd {told['version']}", "bold"),
+        f"  {configuration}  pid {told['pid']}  up {_duration(told['uptime_s'])}",
+    )
+    parts: list[RenderableType] = [title, _pairs(_summary(told))]
+    if told["inputs"]:
+        parts += [Text(), _table(("input", "asked", "got", "age", ""), _input_rows(told["inputs"]))]
+    parts += [Text(), _table(("link", "url", "state", "received", "sent"), _link_rows(told["links"]))]
+    counted = list(_counter_rows(told["counters"]))
+    if counted:
+        parts += [Text(), _table(("refused or lost", "why", "how often"), counted)]
+    return Group(*parts)
+
+
+def _summary(told: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
+    health, correction, rate = told["health"], told["correction"], told["filter"]
+    state = f"{health['state']} for {_duration(health['for_s'])}"
+    reason = f": {health['reason']}" if health["reason"] else ""
+    yield "health", state + reason, _STYLES.get(health["state"], "")
+    yield "mode", told["mode"], ""
+    yield "autopilot", _autopilot(told["autopilot"]), ""
+    if told["payload"] is not None:
+        yield "payload", told["payload"], ""
+    withheld = "; ".join(correction["withheld_by"])
+    if correction["on"]:
+        yield "correction", "on" + (f", fading: {withheld}" if withheld else ""), "green"
+    else:
+        yield "correction", "off" + (f": {withheld}" if withheld else ""), "yellow" if told["mode"] != "shadow" else ""
+    if rate["joined"]:
+        slow = rate["rate_hz"] < LATE_SHARE * rate["asked_hz"]
+        yield "filter", f"{rate['rate_hz']:.1f} of {rate['asked_hz']:g} Hz, {rate['steps']} steps", "yellow" * slow
+    latency = told["latency_ms"]
+    if latency["p50"] is not None:
+        yield "latency", f"p50 {latency['p50']:.2f} ms, p99 {latency['p99']:.2f} ms, IMU to setpoint", ""
+    recording = told["recording"]
+    if recording is not None:
+        lost = f", {recording['lost']} lost: it has ended" if recording["lost"] else ""
+        yield "recording", f"{recording['file']}, {recording['records']} records{lost}", "red" if lost else ""
+
+
+def _autopilot(autopilot: dict[str, Any] | None) -> str:
+    if autopilot is None:
+        return "none heard"
+    armed = {True: "armed", False: "disarmed", None: "arming not known"}[autopilot["armed"]]
+    mode = {"offboard": "follows setpoints", "other": "in a mode of its own", "unknown": "mode not known"}
+    parts = [_KINDS[autopilot["kind"]], f"system {autopilot['system_id']}", armed]
+    if autopilot["flight_mode"] is not None:
+        parts.append(mode[autopilot["flight_mode"]])
+    return ", ".join(parts)
+
+
+def _input_rows(inputs: Iterable[dict[str, Any]]) -> Iterator[tuple[tuple[str, ...], str]]:
+    for one in inputs:
+        slow = one["got_hz"] < LATE_SHARE * one["asked_hz"]
+        age = "never" if one["age_s"] is None else f"{1e3 * one['age_s']:.0f} ms"
+        why = f"refused: {one['refused']}" if one["refused"] else ""
+        cells = (one["stream"].replace("_", " "), f"{one['asked_hz']:.4g} Hz", f"{one['got_hz']:.4g} Hz", age, why)
+        yield cells, "red" if one["age_s"] is None else "yellow" if slow else ""
+
+
+def _link_rows(links: Iterable[dict[str, Any]]) -> Iterator[tuple[tuple[str, ...], str]]:
+    for link in links:
+        cells = (link["name"], link["url"], link["state"], _amount(link["bytes_in"]), _amount(link["bytes_out"]))
+        yield cells, "" if link["state"] == "open" else "yellow"
+
+
+def _counter_rows(counters: dict[str, dict[str, int]]) -> Iterator[tuple[tuple[str, ...], str]]:
+    for kind, reasons in counters.items():
+        for reason, count in sorted(reasons.items()):
+            yield (kind, reason.replace("_", " "), str(count)), ""
+
+
+def _pairs(rows: Iterable[tuple[str, str, str]]) -> "RenderableType":
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
+    table.add_column(width=_LABEL_WIDTH)
+    table.add_column(overflow="fold")
+    for name, value, style in rows:
+        table.add_row(name, Text(value, style=style))
+    return table
+
+
+def _table(header: tuple[str, ...], rows: Iterable[tuple[tuple[str, ...], str]]) -> "RenderableType":
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for name in header:
+        table.add_column(name, justify="right" if name in ("asked", "got", "age", "received", "sent") else "left")
+    for cells, style in rows:
+        table.add_row(*(Text(cell, style=style) for cell in cells))
+    return table
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 60.0:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
+
+
+def _amount(count: int) -> str:
+    return (
+        f"{count} B" if count < 10_000 else f"{count / 1e3:.0f} kB" if count < 10_000_000 else f"{count / 1e6:.0f} MB"
+    )

@@ -1,0 +1,170 @@
+"""How the daemon is at this instant, as one JSON object: what `swingd status` shows."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import swingd
+from swingd.engine import Engine
+from swingd.model.actions import Health
+from swingd.record.event_log import EventLogWriter
+from swingd.service.links import Link
+from swingd.service.meter import Meter
+
+FORMAT = 1
+"""Of the object; keys may be added without another number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Health and its reason, and since when both have been the same."""
+
+    health: Health
+    reason: str
+    """Empty where it is good."""
+    since_s: float
+    """The host's monotonic clock [s]."""
+
+
+def health_of(engine: Engine, load_problem: str = "") -> tuple[Health, str]:
+    """Return the health and its reason, whether or not a pipeline has joined.
+
+    Parameters
+    ----------
+    engine : Engine
+        The daemon's.
+    load_problem : str
+        Why the filter could not be loaded; empty where it could, or is being loaded.
+    """
+    if engine.failure is not None:
+        return Health.FAULT, f"{engine.failure}; everything passes uncorrected"
+    if load_problem:
+        return Health.FAULT, f"the filter cannot be loaded: {load_problem}; everything passes uncorrected"
+    if not engine.has_joined:
+        return Health.INIT, "loading the filter; everything passes uncorrected"
+    return engine.pipeline.health, engine.pipeline.reason
+
+
+def refusals(engine: Engine, links: Sequence[Link]) -> dict[str, dict[str, int]]:
+    """Count what was not used or not passed, by reason, zeros left out.
+
+    Returns
+    -------
+    dict
+        ``drops``: frames and samples by adapter and engine; ``routing``: frames without a way; ``access``: whole frames
+        by link that its key or its systems refuse; ``framing``: by link and kind, what was no frame; ``unsent``: by
+        link, what a peer had no room for; with a pipeline also ``refusals``: inputs by kind, and ``resets``: new
+        beginnings of the estimate by reason.
+    """
+    access = {link.settings.name: link.counters.refused for link in links}
+    framing = {
+        f"{link.settings.name} {kind}": count
+        for link in links
+        for kind, count in (
+            ("garbage_bytes", link.counters.framing.garbage_bytes),
+            ("bad_checksums", link.counters.framing.bad_checksums),
+            ("unknown_flags", link.counters.framing.unknown_flags),
+        )
+    }
+    counts = {
+        "drops": {drop.value: count for drop, count in (engine.adapter.drops | engine.drops).items()},
+        "routing": {refusal.value: count for refusal, count in engine.router.refusals.items()},
+        "access": access,
+        "framing": framing,
+        "unsent": {link.settings.name: link.transport_counters.dropped for link in links},
+    }
+    if engine.has_joined:
+        counts["refusals"] = dict(engine.pipeline.refusals)
+        counts["resets"] = {reason.name.lower(): count for reason, count in engine.pipeline.resets.items()}
+    return {kind: {reason: count for reason, count in of.items() if count} for kind, of in counts.items()}
+
+
+def condition(
+    t_mono_s: float,
+    begun_s: float,
+    configuration: Path | None,
+    standing: Standing,
+    engine: Engine,
+    links: Sequence[Link],
+    meter: Meter,
+    event_log: EventLogWriter | None,
+) -> dict[str, Any]:
+    """Return everything at once, in JSON's types.
+
+    Parameters
+    ----------
+    t_mono_s, begun_s : float
+        The host's monotonic clock, now and at the start [s].
+    """
+    recent = meter.recent()
+    told: dict[str, Any] = {
+        "format": FORMAT,
+        "version": swingd.__version__,
+        "pid": os.getpid(),
+        "configuration": None if configuration is None else str(configuration.absolute()),
+        "uptime_s": t_mono_s - begun_s,
+        "mode": engine.parameters.mode.value,
+        "health": {
+            "state": standing.health.value,
+            "reason": standing.reason,
+            "for_s": t_mono_s - standing.since_s,
+        },
+        "autopilot": _autopilot(engine),
+        "payload": engine.pipeline.payload.value if engine.has_joined else None,
+        "correction": _correction(engine),
+        "filter": {
+            "joined": engine.has_joined,
+            "steps": recent.filter_steps,
+            "rate_hz": recent.filter_hz,
+            "asked_hz": engine.parameters.estimator.rate_hz,
+        },
+        "latency_ms": {"p50": recent.latency_ms_p50, "p99": recent.latency_ms_p99},
+        "inputs": _inputs(t_mono_s, engine),
+        "links": [
+            {
+                "name": link.settings.name,
+                "url": str(link.settings.url),
+                "state": link.state.value,
+                "bytes_in": link.traffic[1],
+                "bytes_out": link.traffic[0],
+            }
+            for link in links
+        ],
+        "counters": refusals(engine, links),
+        "recording": None
+        if event_log is None
+        else {"file": str(event_log.path), "records": event_log.records, "lost": event_log.lost},
+    }
+    return told
+
+
+def _autopilot(engine: Engine) -> dict[str, Any] | None:
+    autopilot = engine.adapter.autopilot
+    if autopilot is None:
+        return None
+    joined = engine.has_joined
+    return {
+        "kind": autopilot.kind.value,
+        "system_id": autopilot.system_id,
+        "armed": engine.pipeline.armed if joined else None,
+        "flight_mode": engine.pipeline.flight_mode.value if joined else None,
+    }
+
+
+def _correction(engine: Engine) -> dict[str, Any]:
+    enabled = engine.parameters.control.enabled
+    if not engine.has_joined:
+        return {"on": False, "enabled": enabled, "withheld_by": ["no filter runs"]}
+    pipeline = engine.pipeline
+    return {"on": pipeline.correcting, "enabled": enabled, "withheld_by": list(pipeline.withheld_by)}
+
+
+def _inputs(t_mono_s: float, engine: Engine) -> list[dict[str, Any]]:
+    if not engine.has_joined:
+        return []
+    inputs = [asdict(state) for state in engine.pipeline.inputs(t_mono_s)]
+    for state in inputs:
+        state["stream"] = state["stream"].value
+    return inputs
