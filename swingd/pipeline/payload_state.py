@@ -158,6 +158,8 @@ class PayloadWatch:
         self._weighing.reset()
         self._level_kg = 0.0
         self._empty_kg = 0.0
+        self._hanging_kg = self._payload_mass_kg
+        self._attached_s = 0.0
         self._climbed_s = 0.0
         self._sink_mps = 0.0
         self._doubt_s = 0.0
@@ -203,8 +205,10 @@ class PayloadWatch:
         apparent_kg = self._seem(sample, APPARENT_ATTACHED_TIME_CONSTANT_S)
         self._level_kg += dt_s / (dt_s + LEVEL_TIME_CONSTANT_S) * (apparent_kg - self._level_kg)
         fallen_kg = self._level_kg - apparent_kg
-        hanging_kg = max(self._level_kg - self._empty_kg, LIFTED_SHARE * self._payload_mass_kg)
-        self._doubt_s = self._doubt_s + dt_s if fallen_kg > LOST_SHARE * hanging_kg else 0.0
+        self._attached_s += dt_s
+        if self._attached_s < 2.0 * LEVEL_TIME_CONSTANT_S:
+            self._hanging_kg = max(self._level_kg - self._empty_kg, LIFTED_SHARE * self._payload_mass_kg)
+        self._doubt_s = self._doubt_s + dt_s if fallen_kg > LOST_SHARE * self._hanging_kg else 0.0
         if self._doubt_s <= LOST_FOR_S:
             return None
         return (Sign.FALL_LOW if self._is_low(sample) else Sign.FALL), fallen_kg
@@ -261,6 +265,8 @@ class PayloadWatch:
         if state is PayloadState.ATTACHED:
             # The jerk of the lift says nothing of the level with the load.
             self._level_kg = self._empty_kg + self._payload_mass_kg
+            self._hanging_kg = self._payload_mass_kg
+            self._attached_s = 0.0
             self._weighing.lifted()
         elif not state.hangs:
             lost = self.state is PayloadState.ATTACHED

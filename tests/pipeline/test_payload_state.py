@@ -1,6 +1,7 @@
 """When the load counts as lifted, and when as lost."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -9,7 +10,16 @@ from hypothesis import strategies as st
 from swingd.core.swing_ekf import GRAVITY_MPS2
 from swingd.model.events import LandedState
 from swingd.model.parameters import Parameters, ThrustSource
-from swingd.pipeline.payload_state import ASSUMED_AFTER_S, LIFTED_FOR_S, SLACK_FOR_S, PayloadState, PayloadWatch
+from swingd.pipeline.payload_state import (
+    LIFTED_FOR_S,
+    LOST_FOR_S,
+    SILENT_AFTER_S,
+    TRANSITIONS,
+    PayloadSample,
+    PayloadState,
+    PayloadWatch,
+    Sign,
+)
 
 DT_S = 0.01
 VEHICLE_N = 2.0 * GRAVITY_MPS2
@@ -27,18 +37,35 @@ def fly(
     landed: LandedState = LandedState.IN_AIR,
     climbing: bool = False,
     curve: float = 1.0,
+    altitude_m: float | None = None,
+    vel_down_mps: float | None = None,
 ) -> list[PayloadState]:
     """Fly; the acceleration is what thrust, cable and a push make of it. Return the states that were told.
 
     The thrust that is believed is ``curve`` times the true one.
     """
     acc = (wind_n[0] / 2.0, wind_n[1] / 2.0, GRAVITY_MPS2 + (cable_n - thrust_n) / 2.0)
+    vel: Any = None
+    if climbing or vel_down_mps is not None:
+        vel = (0.0, 0.0, -0.5 if vel_down_mps is None else vel_down_mps)
+    sample = PayloadSample(
+        dt_s=DT_S,
+        force_n=(0.0, 0.0, -curve * thrust_n),
+        lift_n=curve * thrust_n,
+        acc_mps2=acc,
+        body_down=(0.0, 0.0, 1.0),
+        thrust_known=known,
+        landed=landed,
+        vel_mps=vel,
+        altitude_m=altitude_m,
+    )
     told = []
     for _ in range(max(1, round(duration_s / DT_S))):
         before = watch.state
-        changed = watch.update(DT_S, (0.0, 0.0, -curve * thrust_n), acc, known, landed, climbing)
+        changed = watch.update(sample)
         assert changed == (watch.state is not before)
         if changed:
+            assert watch.reason
             told.append(watch.state)
     return told
 
@@ -49,6 +76,18 @@ def carrying(parameters: Parameters | None = None) -> PayloadWatch:
     fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N)
     assert watch.state is PayloadState.ATTACHED
     return watch
+
+
+def test_every_state_can_be_left_and_only_a_fall_loses_a_load() -> None:
+    assert set(TRANSITIONS) == set(PayloadState)
+    reached = {state for leads in TRANSITIONS.values() for state in leads.values()}
+    assert reached == set(PayloadState) - {PayloadState.ON_GROUND}
+    for state, leads in TRANSITIONS.items():
+        assert leads, state
+        for sign, target in leads.items():
+            assert target is not state
+            if target in (PayloadState.RELEASED, PayloadState.TOUCHED_DOWN):
+                assert (state, sign) in ((PayloadState.ATTACHED, Sign.FALL), (PayloadState.ATTACHED, Sign.FALL_LOW))
 
 
 def test_standing_with_idle_motors_is_on_the_ground() -> None:
@@ -76,9 +115,9 @@ def test_a_jerk_of_the_cable_does_not_count() -> None:
 
 def test_a_release_is_seen_and_is_not_assumed_away() -> None:
     watch = carrying()
-    assert fly(watch, SLACK_FOR_S, VEHICLE_N) == []
-    assert fly(watch, 1.0, VEHICLE_N) == [PayloadState.SLACK]
-    assert fly(watch, 5.0 * ASSUMED_AFTER_S, VEHICLE_N) == []
+    assert fly(watch, LOST_FOR_S, VEHICLE_N) == []
+    assert fly(watch, 0.4, VEHICLE_N) == [PayloadState.RELEASED]
+    assert fly(watch, 5.0 * SILENT_AFTER_S, VEHICLE_N) == []
     assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == [PayloadState.ATTACHED], "and the next load as well"
 
 
@@ -91,12 +130,56 @@ def test_a_load_that_swings_hard_is_not_lost(period_s: float) -> None:
         assert fly(watch, 0.6 * period_s, VEHICLE_N + LOAD_N, cable_n=1.5 * LOAD_N) == []
 
 
-def test_a_curve_that_never_shows_the_load_lets_it_be_assumed_only() -> None:
+def test_free_fall_is_no_release_and_a_hard_climb_no_second_load() -> None:
+    watch = carrying()
+    for _ in range(10):
+        assert fly(watch, 1.0, 0.02 * VEHICLE_N, cable_n=0.02 * LOAD_N) == []
+        assert fly(watch, 1.0, 1.6 * (VEHICLE_N + LOAD_N), cable_n=1.6 * LOAD_N) == []
+        assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == []
+    assert fly(watch, 0.8, 1.6 * VEHICLE_N) == [PayloadState.RELEASED], "a release in a climb is one"
+
+
+@pytest.mark.parametrize(
+    ("altitude_m", "vel_down_mps", "state"),
+    [
+        (12.0, 0.7, PayloadState.RELEASED),
+        (3.0, 0.7, PayloadState.RELEASED),
+        (1.6, 0.7, PayloadState.TOUCHED_DOWN),
+        (1.6, 0.0, PayloadState.TOUCHED_DOWN),
+        (None, 0.7, PayloadState.TOUCHED_DOWN),
+        (None, 0.0, PayloadState.RELEASED),
+        (None, None, PayloadState.RELEASED),
+    ],
+)
+def test_a_load_that_is_lost_low_was_set_down(
+    altitude_m: float | None, vel_down_mps: float | None, state: PayloadState
+) -> None:
+    """The origin of the altitude is anywhere: 100 m above the take-off."""
+    watch = PayloadWatch(Parameters())
+    at_m = None if altitude_m is None else altitude_m - 100.0
+    fly(watch, 1.0, 0.1 * VEHICLE_N, altitude_m=-100.0, landed=LandedState.ON_GROUND)
+    fly(watch, 1.5, VEHICLE_N, climbing=True, altitude_m=-99.0)
+    fly(watch, 5.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N, altitude_m=at_m, vel_down_mps=vel_down_mps)
+    assert fly(watch, 1.0, VEHICLE_N, altitude_m=at_m, vel_down_mps=vel_down_mps) == [state]
+    assert "0.2" in watch.reason
+    assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N, altitude_m=at_m) == [PayloadState.ATTACHED]
+
+
+def test_who_joins_in_flight_and_sees_no_load_does_not_know() -> None:
     watch = PayloadWatch(Parameters())
     fly(watch, 0.02, VEHICLE_N)
-    assert fly(watch, ASSUMED_AFTER_S - 0.1, VEHICLE_N) == []
+    assert fly(watch, SILENT_AFTER_S - 0.1, VEHICLE_N) == []
     assert fly(watch, 0.3, VEHICLE_N) == [PayloadState.UNKNOWN]
     assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N) == [PayloadState.ATTACHED], "until the thrust shows it"
+
+
+@pytest.mark.parametrize("curve", [0.85, 1.0, 1.15])
+def test_who_watches_a_take_off_without_a_load_knows_that_there_is_none(curve: float) -> None:
+    watch = PayloadWatch(Parameters())
+    fly(watch, 2.0, 0.1 * VEHICLE_N, curve=curve, landed=LandedState.ON_GROUND)
+    assert fly(watch, 5.0, VEHICLE_N, climbing=True, curve=curve) == [PayloadState.SLACK]
+    assert fly(watch, 60.0, VEHICLE_N, curve=curve) == []
+    assert watch.mass.mass_kg is None
 
 
 @pytest.mark.parametrize(
@@ -133,11 +216,13 @@ def test_landing_begins_anew() -> None:
 
 @given(st.lists(st.tuples(st.floats(0.0, 60.0), st.floats(-5.0, 20.0), st.booleans()), max_size=40))
 def test_nothing_is_attached_that_the_thrust_did_not_show(pieces: list[tuple[float, float, bool]]) -> None:
+    """Without a motion of its own the swing shows nothing; what the thrust shows is the pull over what is felt of g."""
     watch = PayloadWatch(Parameters())
     shown = False
     for thrust_n, cable_n, known in pieces:
         told = fly(watch, 0.3, thrust_n, cable_n=cable_n, known=known)
-        shown |= known and cable_n > 0.4 * LOAD_N
+        felt = (thrust_n - cable_n) / VEHICLE_N
+        shown |= known and cable_n * felt > 0.0
         assert PayloadState.ATTACHED not in told or shown
 
 
@@ -147,13 +232,62 @@ def test_a_wrong_thrust_curve_neither_hides_nor_feigns_a_load_that_is_lifted(cur
     assert fly(watch, 1.5, VEHICLE_N, climbing=True, curve=curve) == [PayloadState.SLACK]
     assert fly(watch, 0.5, VEHICLE_N + LOAD_N, cable_n=LOAD_N, climbing=True, curve=curve) == [PayloadState.ATTACHED]
     assert fly(watch, 60.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N, curve=curve) == []
-    assert fly(watch, 1.0, VEHICLE_N, curve=curve) == [PayloadState.SLACK], "the release is seen within a second"
+    assert fly(watch, 1.0, VEHICLE_N, curve=curve) == [PayloadState.RELEASED], "the release is seen within a second"
     assert fly(watch, 60.0, VEHICLE_N, curve=curve) == []
     assert fly(watch, 0.5, VEHICLE_N + LOAD_N, cable_n=LOAD_N, curve=curve) == [PayloadState.ATTACHED]
 
 
-def test_a_sagging_battery_is_no_release() -> None:
-    """20 % of thrust over two minutes that the voltage curve does not know."""
-    watch = carrying()
+@pytest.mark.parametrize("sag", [0.2, -0.2])
+def test_a_sagging_battery_is_neither_a_release_nor_a_load(sag: float) -> None:
+    """20 % of thrust over two minutes that the voltage curve does not know, with the load and then without."""
+    watch = PayloadWatch(Parameters())
+    fly(watch, 1.5, VEHICLE_N, climbing=True)
+    fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N)
+    assert watch.state is PayloadState.ATTACHED
     for k in range(120):
-        assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N, curve=1.0 - 0.2 * k / 120.0) == []
+        assert fly(watch, 1.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N, curve=1.0 - sag * k / 120.0) == []
+    assert fly(watch, 1.0, VEHICLE_N, curve=1.0 - sag) == [PayloadState.RELEASED]
+    for k in range(120):
+        assert fly(watch, 1.0, VEHICLE_N, curve=1.0 - sag + sag * k / 120.0) == []
+
+
+# ---- its mass
+
+
+@pytest.mark.parametrize("curve", [0.88, 1.0, 1.12])
+@pytest.mark.parametrize("load_kg", [0.2, 0.3, 0.9])
+def test_a_load_is_weighed_against_the_scale_of_the_flight_without_it(curve: float, load_kg: float) -> None:
+    watch = PayloadWatch(Parameters())
+    load_n = load_kg * GRAVITY_MPS2
+    fly(watch, 2.5, VEHICLE_N, climbing=True, curve=curve)
+    fly(watch, 2.0, VEHICLE_N + load_n, cable_n=load_n, curve=curve, vel_down_mps=0.0)
+    assert watch.state is PayloadState.ATTACHED
+    assert "no quiet flight yet" in watch.mass.reason
+    fly(watch, 6.0, VEHICLE_N + load_n, cable_n=load_n, curve=curve, vel_down_mps=0.0)
+    assert watch.mass.mass_kg == pytest.approx(load_kg, abs=1e-3)
+    assert watch.mass.std_kg is not None
+    assert 0.004 < watch.mass.std_kg < 0.02
+    weighed = watch.mass
+    for k in range(30):
+        sagged = (1.0 - 0.002 * k) * curve
+        fly(watch, 1.0, VEHICLE_N + load_n, cable_n=load_n, curve=sagged, vel_down_mps=0.0)
+    assert watch.mass is weighed, "once"
+    fly(watch, 1.0, VEHICLE_N, curve=sagged, vel_down_mps=0.0)
+    assert watch.mass.mass_kg is None
+
+
+def test_without_a_flight_before_the_pick_up_the_mass_is_not_known() -> None:
+    watch = PayloadWatch(Parameters())
+    fly(watch, 60.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N, vel_down_mps=0.0)
+    assert watch.state is PayloadState.ATTACHED
+    assert watch.mass.mass_kg is None
+    assert "look alike" in watch.mass.reason
+
+
+@pytest.mark.parametrize("vel_down_mps", [None, 4.0])
+def test_what_is_not_known_to_be_slow_is_not_weighed(vel_down_mps: float | None) -> None:
+    watch = PayloadWatch(Parameters())
+    fly(watch, 2.5, VEHICLE_N, climbing=True)
+    fly(watch, 60.0, VEHICLE_N + LOAD_N, cable_n=LOAD_N, vel_down_mps=vel_down_mps)
+    assert watch.mass.mass_kg is None
+    assert "no quiet flight yet" in watch.mass.reason
