@@ -334,7 +334,7 @@ class Commander:
                 # The application is silent: from here on so is swingd, and the autopilot's own failsafe acts.
                 self.drop()
                 return None
-        fade = self._fade.update(allowed, now.dt_s)
+        fade = self._fade.update(allowed, now.dt_s, harmful=bool(self._watch.distrust))
         reference = self._inline_reference(fade) if mode is Mode.INLINE else self._hold_reference(now)
         if reference is not None:
             reference = self._shaped(reference, fade, now.dt_s)

@@ -96,7 +96,7 @@ class Correction:
         vel = (fade * self._vel[0], fade * self._vel[1])
         farther = kept * self._pos[0] + vel[0] * dt_s, kept * self._pos[1] + vel[1] * dt_s
         self._pos = _limit(farther, control.displacement_max_m)
-        self.limited = target != wanted or self._vel != faster
+        self.limited = target != wanted or (self._vel != faster and control.vel_max_mps > 0.0)
         self.displaced = self._pos != farther
         return Push(self._acc, vel, (fade * self._pos[0], fade * self._pos[1]))
 

@@ -32,12 +32,13 @@ UNEXPLAINED_MPS = 0.3
 GROWN_MPS = 0.5
 """A smaller swing is not judged: noise grows too."""
 GAIN_MIN = 0.2
-GAIN_DEVIATIONS = 3.0
+GAIN_DEVIATIONS = 2.0
+"""Flights with wind, gusts, a wrong load and 0.15 s of extra delay stay 1.4 deviations and more above `GAIN_MIN`."""
 ANSWER_NOISE_MPS2 = 0.15
 """Of the tilt's acceleration: turbulence and the attitude's noise."""
-ANSWER_MODEL_SHARE = 0.3
+ANSWER_MODEL_SHARE = 0.2
 """Of what the application's reference should make of the tilt: the model is no better."""
-ANSWER_CORRELATION_S = 0.2
+ANSWER_CORRELATION_S = 0.1
 """Residuals closer than this say the same."""
 _ZERO: Vec2 = (0.0, 0.0)
 

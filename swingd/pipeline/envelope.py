@@ -7,6 +7,9 @@ from swingd.model.events import FlightMode
 from swingd.model.parameters import Control, Mode
 from swingd.pipeline.payload_state import PayloadState
 
+HARMFUL_OUT_S = 0.2
+"""At most, to end a correction that does harm."""
+
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
@@ -82,12 +85,13 @@ class Fade:
         self._in_s = control.fade_in_s
         self._out_s = control.fade_out_s
 
-    def update(self, allowed: bool, dt_s: float) -> float:
-        """Advance by ``dt_s`` towards what is allowed; return the new value."""
+    def update(self, allowed: bool, dt_s: float, *, harmful: bool = False) -> float:
+        """Advance by ``dt_s`` towards what is allowed; return the new value. What does harm goes faster."""
         if allowed:
             self.value = min(1.0, self.value + (dt_s / self._in_s if self._in_s > 0.0 else 1.0))
         else:
-            self.value = max(0.0, self.value - (dt_s / self._out_s if self._out_s > 0.0 else 1.0))
+            out_s = min(self._out_s, HARMFUL_OUT_S) if harmful else self._out_s
+            self.value = max(0.0, self.value - (dt_s / out_s if out_s > 0.0 else 1.0))
         return self.value
 
     def cut(self) -> None:

@@ -118,6 +118,8 @@ class Flight:
         self.lockstep = Lockstep(self.peer, self._companion, self._on_step)
         self.spoil: Spoil | None = None
         """Gets the time and the autopilot's frames of one step; returns what arrives."""
+        self.deliver: Callable[[float, bytes], bytes] | None = None
+        """Gets the time and what swingd sends to the autopilot; returns what arrives there."""
         self.withhold: Callable[[Frame], bool] | None = None
         """Gets every frame for the autopilot; says which ones do not reach it."""
         self.reference: tuple[float, float, float] | None = None
@@ -218,6 +220,8 @@ class Flight:
         self._check(answer)
         if self.withhold is not None:
             answer = b"".join(frame.raw for frame in self._splitter.receive(answer) if not self.withhold(frame))
+        if self.deliver is not None:
+            answer = self.deliver(t_s, answer)
         return answer
 
     def _check(self, answer: bytes) -> None:

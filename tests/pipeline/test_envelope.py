@@ -1,30 +1,31 @@
 """Whether a correction may leave, and its one ramp."""
 
 import itertools
+from dataclasses import fields, replace
+from enum import Enum
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swingd.model.actions import Health
 from swingd.model.events import FlightMode
 from swingd.model.parameters import Control, Mode
 from swingd.pipeline.envelope import Conditions, Fade, may_correct, withheld_by
 from swingd.pipeline.payload_state import PayloadState
 
-EVERY = list(
-    itertools.product(Mode, (False, True), (False, True), FlightMode, PayloadState, Health, (False, True)),
-)
+KINDS: dict[str, type[Enum]] = {"mode": Mode, "flight_mode": FlightMode, "payload": PayloadState}
+DOMAINS = {field.name: tuple(KINDS.get(field.name, (False, True))) for field in fields(Conditions)}
+
+YES: dict[str, Any] = dict.fromkeys(DOMAINS, True)
+GOOD = Conditions(**YES | {"mode": Mode.HOLD, "flight_mode": FlightMode.OFFBOARD, "payload": PayloadState.ATTACHED})
 
 
 def test_every_combination() -> None:
-    allowed = {values for values in EVERY if may_correct(Conditions(*values))}
-    assert len(EVERY) == 3 * 2 * 2 * 3 * len(PayloadState) * 5 * 2
-    assert allowed == {
-        (mode, True, True, FlightMode.OFFBOARD, PayloadState.ATTACHED, health, True)
-        for mode in (Mode.HOLD, Mode.INLINE)
-        for health in (Health.READY, Health.ACTIVE)
-    }
+    combinations = [Conditions(*values) for values in itertools.product(*DOMAINS.values())]
+    assert len(combinations) == 3 * 3 * len(PayloadState) * 2**12
+    allowed = {conditions for conditions in combinations if may_correct(conditions)}
+    assert allowed == {replace(GOOD, mode=mode) for mode in (Mode.HOLD, Mode.INLINE)}
 
 
 @pytest.mark.parametrize(("fade_in_s", "fade_out_s"), [(1.0, 0.5), (0.0, 0.5), (2.0, 0.0), (0.0, 0.0)])
@@ -50,10 +51,15 @@ def test_the_fade_stays_within_its_slope(fade_in_s: float, fade_out_s: float, st
         assert abs(after - before) * ramp_s <= dt_s * (1.0 + 1e-9)
 
 
-def test_what_withholds_a_correction_is_named_exactly_where_one_is_withheld() -> None:
-    for values in EVERY:
-        conditions = Conditions(*values)
-        assert bool(withheld_by(conditions)) is not may_correct(conditions), conditions
+@pytest.mark.parametrize("name", DOMAINS)
+def test_what_withholds_a_correction_is_named_once_for_each_condition(name: str) -> None:
+    for value in DOMAINS[name]:
+        conditions = replace(GOOD, **{name: value})
+        assert len(withheld_by(conditions)) == (not may_correct(conditions))
+
+
+def test_everything_that_withholds_a_correction_is_named() -> None:
+    assert withheld_by(replace(GOOD, enabled=False, armed=False)) == ("switched off", "not armed")
 
 
 def test_other_ramps_are_taken_where_the_fade_stands() -> None:

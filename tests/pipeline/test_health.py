@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import fields, replace
 
 import pytest
 
@@ -14,9 +15,12 @@ from swingd.pipeline.health import (
     ROUND_TRIP_MAX_S,
     ROUND_TRIP_SILENCE_S,
     SETTLE_S,
+    Assessment,
+    Evidence,
     HealthWatch,
     RoundTripWatch,
     StreamWatch,
+    judge,
 )
 from swingd.pipeline.payload_state import PayloadState
 
@@ -143,6 +147,8 @@ def test_a_host_clock_that_goes_back_changes_nothing() -> None:
 # ---- health
 
 ATTACHED = PayloadState.ATTACHED
+RECOVERY_S = 0.5
+"""After DEGRADED and FAULT."""
 
 
 class Judged:
@@ -172,16 +178,21 @@ class Judged:
                 self.streams.arrived(Stream.ATTITUDE, self.t_s)
             if imu and payload is ATTACHED:
                 self.watch.step(0.01, nis, std_rad)
-            assessment = self.watch.assess(self.t_s, self.streams, payload, heartbeat_age_s)
+            assessment = self.watch.assess(
+                self.t_s, self.watch.evidence(self.t_s, self.streams, payload, heartbeat_age_s)
+            )
             assert (assessment.reason == "") == (assessment.health is Health.READY)
         return assessment.health
+
+    def reason(self) -> str:
+        return judge(self.watch.evidence(self.t_s, self.streams, ATTACHED, None)).reason
 
 
 def test_it_waits_for_both_inputs_then_for_the_filter() -> None:
     judged = Judged()
-    assert judged.watch.assess(0.0, judged.streams, ATTACHED, None).reason == "waiting for the autopilot's IMU"
+    assert judged.reason() == "waiting for the autopilot's IMU"
     assert judged.run(0.1, attitude=False) is Health.INIT
-    assert judged.watch.assess(0.1, judged.streams, ATTACHED, None).reason == "waiting for the autopilot's attitude"
+    assert judged.reason() == "waiting for the autopilot's attitude"
     assert judged.run(SETTLE_S - 0.2) is Health.INIT
     assert judged.run(0.3) is Health.READY
 
@@ -218,7 +229,9 @@ def test_a_slow_link_degrades_and_heals() -> None:
     assert judged.run(0.01) is Health.DEGRADED
     for _ in range(3):
         round_trip.answered(judged.t_s, 0.02)
-    assert judged.run(0.01) is Health.READY
+    assert judged.run(RECOVERY_S - 0.05) is Health.DEGRADED
+    round_trip.answered(judged.t_s, 0.02)
+    assert judged.run(0.1) is Health.READY
     assert judged.run(ROUND_TRIP_SILENCE_S + 0.05) is Health.DEGRADED, "answers that stop are slow ones"
 
 
@@ -244,6 +257,37 @@ def test_an_uncertain_angle_is_not_ready() -> None:
     judged = Judged()
     assert judged.run(5.0, std_rad=0.2) is Health.INIT
     assert judged.run(0.1, std_rad=0.1) is Health.READY
+    assert judged.run(0.1, std_rad=0.2) is Health.DEGRADED, "it was certain before"
+    assert judged.run(RECOVERY_S + 0.05, std_rad=0.1) is Health.READY
+
+
+def test_what_flickers_stays_degraded() -> None:
+    judged = Judged()
+    judged.run(5.0)
+    for _ in range(10):
+        assert judged.run(0.05, std_rad=0.2) is Health.DEGRADED
+        assert judged.run(RECOVERY_S - 0.05, std_rad=0.1) is Health.DEGRADED
+
+
+BEST = Evidence(True, True, True, True, True, True, ATTACHED, True, True, True, True, True)
+
+
+def test_the_gravest_of_all_that_speaks_against_it_counts() -> None:
+    """Over every combination: no state is better than what each single doubt asks for, where there are inputs."""
+    doubts = [field.name for field in fields(Evidence) if field.name != "payload"]
+    single = {doubt: judge(replace(BEST, **{doubt: False})).health for doubt in doubts}
+    assert judge(BEST) == Assessment(Health.READY, "")
+    assert set(single.values()) == {Health.INIT, Health.DEGRADED, Health.FAULT}
+    for values in itertools.product((True, False), repeat=len(doubts)):
+        for payload in PayloadState:
+            evidence = replace(BEST, payload=payload, **dict(zip(doubts, values, strict=True)))
+            told = judge(evidence)
+            asked = {single[doubt] for doubt, value in zip(doubts, values, strict=True) if not value}
+            if asked or payload is not ATTACHED:
+                assert told.health in (Health.INIT, Health.DEGRADED, Health.FAULT)
+                assert told.reason
+            if evidence.imu_heard and evidence.attitude_heard and Health.FAULT in asked:
+                assert told.health is Health.FAULT
 
 
 @pytest.mark.parametrize("gone", ["imu", "attitude"])
@@ -254,6 +298,7 @@ def test_a_late_input_degrades_and_a_missing_one_is_a_fault(gone: str) -> None:
     assert judged.run(LATE_S - 0.02, **silent) is Health.READY
     assert judged.run(0.05, **silent) is Health.DEGRADED
     assert judged.run(0.4, **silent) is Health.FAULT
+    assert judged.run(RECOVERY_S - 0.02) is Health.FAULT, "what comes back has to stay"
     assert judged.run(0.05) is Health.READY
 
 
