@@ -29,6 +29,8 @@ class Drop(Enum):
     """A field is NaN or infinite."""
     IMPOSSIBLE = "impossible"
     """A field is outside of what can be."""
+    FROZEN = "frozen"
+    """The same inertial reading again and again, under new stamps: a sensor that hangs; a real one always has noise."""
     DUPLICATE = "duplicate"
     """The stamp of the stream's last sample again."""
     REORDERED = "reordered"

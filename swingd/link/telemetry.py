@@ -32,6 +32,8 @@ from swingd.model.parameters import Thrust
 _PREFERRED_FOR_S = 1.0
 _BATTERY_FOR_S = 5.0
 
+_FROZEN_S = 0.1
+"""An inertial reading that has not changed for longer is not one; coarse units may repeat it a few times."""
 _GYRO_MAX_RADPS = 200.0
 _ANGLE_MAX_RAD = 2.0 * math.pi + 1e-3
 _MPS2_PER_MG = 9.80665e-3
@@ -59,6 +61,9 @@ class _State:
     view: VehicleView = field(default_factory=VehicleView)
     imu_t_mono_s: list[float | None] = field(default_factory=lambda: [None] * len(_IMU_IDS))
     """Last arrival of each message that can carry the IMU, the best first."""
+    imu_reading: tuple[Vec3, Vec3] | None = None
+    imu_changed_s: float = -math.inf
+    """When it last differed from the one before."""
     attitude_t_mono_s: float = -math.inf
     attitude_target_t_mono_s: float = -math.inf
     actuator_t_mono_s: float = -math.inf
@@ -173,9 +178,19 @@ class Telemetry:
 
     def _emit_imu(self, t_mono_s: float, acc: Vec3, gyro: Vec3, time_usec: int, events: list[Event]) -> None:
         if self.is_plausible(acc, ACC_MAX_MPS2) and self.is_plausible(gyro, _GYRO_MAX_RADPS):
+            if self._is_frozen(t_mono_s, (acc, gyro)):
+                self.drops[Drop.FROZEN] += 1
+                return
             t_boot_s = self._stamps.usec(Stream.IMU, t_mono_s, time_usec, events)
             if t_boot_s is not None:
                 events.append(Imu(t_mono_s, t_boot_s, acc, gyro))
+
+    def _is_frozen(self, t_mono_s: float, reading: tuple[Vec3, Vec3]) -> bool:
+        state = self._state
+        if reading != state.imu_reading:
+            state.imu_reading = reading
+            state.imu_changed_s = t_mono_s
+        return t_mono_s - state.imu_changed_s > _FROZEN_S
 
     def _attitude(self, t_mono_s: float, m: Any, events: list[Event]) -> None:
         if self.is_plausible((m.roll, m.pitch, m.yaw), _ANGLE_MAX_RAD):

@@ -17,20 +17,27 @@ def copter_heartbeat(armed: bool = True, custom_mode: int = 4) -> Any:
     return mavlink.MAVLink_heartbeat_message(2, 3, 1 | (128 if armed else 0), custom_mode, 4, 3)
 
 
+def _noise(t_boot_s: float) -> int:
+    """No two readings of a real sensor in a row are the same."""
+    return (round(t_boot_s * 1e3) + 3) % 7
+
+
 def imu(
     t_boot_s: float, acc: tuple[float, float, float] = (0.1, 0.2, -9.8), xgyro: float = 0.01, number: int = 0
 ) -> Any:
     return mavlink.MAVLink_highres_imu_message(
-        round(t_boot_s * 1e6), *acc, xgyro, 0.02, 0.03, 0, 0, 0, 1000, 0, 10, 20, 63, number
+        round(t_boot_s * 1e6), *acc, xgyro, 0.02, 0.03 + 1e-7 * _noise(t_boot_s), 0, 0, 0, 1000, 0, 10, 20, 63, number
     )
 
 
 def raw_imu(t_boot_s: float, acc_mg: tuple[int, int, int] = (10, -20, -1000), number: int = 0) -> Any:
-    return mavlink.MAVLink_raw_imu_message(round(t_boot_s * 1e6), *acc_mg, 100, -200, 300, 0, 0, 0, number)
+    gyro_mradps = (100, -200, 300 + _noise(t_boot_s))
+    return mavlink.MAVLink_raw_imu_message(round(t_boot_s * 1e6), *acc_mg, *gyro_mradps, 0, 0, 0, number)
 
 
 def scaled_imu(t_boot_s: float, acc_mg: tuple[int, int, int] = (10, -20, -1000)) -> Any:
-    return mavlink.MAVLink_scaled_imu_message(round(t_boot_s * 1e3) % 2**32, *acc_mg, 100, -200, 300, 0, 0, 0)
+    gyro_mradps = (100, -200, 300 + _noise(t_boot_s))
+    return mavlink.MAVLink_scaled_imu_message(round(t_boot_s * 1e3) % 2**32, *acc_mg, *gyro_mradps, 0, 0, 0)
 
 
 def vfr_hud(throttle_percent: int) -> Any:

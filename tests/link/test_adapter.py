@@ -461,7 +461,7 @@ def test_servo_stamps_that_wrap_after_71_minutes_are_put_on_the_boot_clock():
 
 
 def unix_imu(t_unix_s: float):
-    message = imu(0.0)
+    message = imu(t_unix_s)
     message.time_usec = round(t_unix_s * 1e6)
     return message
 
@@ -584,3 +584,18 @@ def test_any_cut_of_the_stream_gives_the_same_events(data):
         stream = stream[n:]
     assert events == expected
     assert cut.drops == whole.drops
+
+
+def test_a_sensor_that_hangs_is_no_sample_until_it_moves_again():
+    adapter, autopilot = connected()
+
+    def receive(t_s, zacc):
+        message = imu(t_s, acc=(0.1, 0.2, zacc))
+        message.zgyro = 0.03
+        return adapter.receive(t_s, autopilot(message))
+
+    taken = [bool(receive(1.0 + 0.004 * i, -9.8)) for i in range(100)]
+    assert sum(taken) == 26, "coarse units may repeat a reading for a tenth of a second"
+    assert not any(taken[26:])
+    assert adapter.drops[Drop.FROZEN] == 74
+    assert len(receive(1.5, -9.81)) == 1
