@@ -594,8 +594,8 @@ def test_a_sensor_that_hangs_is_no_sample_until_it_moves_again():
         message.zgyro = 0.03
         return adapter.receive(t_s, autopilot(message))
 
-    taken = [bool(receive(1.0 + 0.004 * i, -9.8)) for i in range(100)]
-    assert sum(taken) == 26, "coarse units may repeat a reading for a tenth of a second"
-    assert not any(taken[26:])
-    assert adapter.drops[Drop.FROZEN] == 74
+    taken = [bool(receive(1.0 + 0.006 * i, -9.8)) for i in range(60)]
+    assert sum(taken) == 17, "coarse units may repeat a reading for a tenth of a second"
+    assert not any(taken[17:])
+    assert adapter.drops[Drop.FROZEN] == 43
     assert len(receive(1.5, -9.81)) == 1
