@@ -18,10 +18,23 @@ class ResetReason(Enum):
     LIFT = "load lifted"
     SLACK = "cable slack"
     PARAMETERS = "parameters changed"
+    ATTITUDE = "autopilot reset its roll or pitch"
     ANGLE = "swing beyond what a hanging load can do"
     COVARIANCE = "covariance out of bounds"
     INNOVATION = "measurements rejected for too long"
     NUMERICS = "step failed"
+
+
+@dataclass(frozen=True, slots=True)
+class LearnedModel:
+    """What an estimator has learned in flight of cable and load."""
+
+    length_m: float
+    """From the hook to the load's centre of mass, as the swing shows it [m]."""
+    length_std_m: float
+    payload_mass_kg: float
+    """As the pull of the swinging load shows it [kg]."""
+    payload_mass_std_kg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,3 +51,7 @@ class SwingEstimate:
     """Normalised innovation squared of the last measurement, 3 degrees of freedom (fgdf: 2); 0 where there is none."""
     tension_n: float
     """Cable force by the model [N]; negative where a real cable would be slack."""
+    learned: LearnedModel | None = None
+    """None where the estimator learns nothing of its model."""
+    noise_inflation: float = 1.0
+    """Largest measurement noise density over the configured one, as the innovation shows it: vibration."""

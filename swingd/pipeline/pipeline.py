@@ -221,6 +221,8 @@ class Pipeline:
                 self._streams.arrived(Stream.ATTITUDE, event.t_mono_s)
                 self._attitude.add(event)
                 self._commander.turn(self._attitude.take_yaw_jump())
+                if self._attitude.take_tilt_jump() and self._hangs:
+                    self._reset(ResetReason.ATTITUDE)
             case Throttle():
                 self._streams.arrived(Stream.THROTTLE, event.t_mono_s)
                 self._thrust.add_throttle(event)

@@ -15,6 +15,8 @@ GAP_SHARE = 3.0
 _NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ATTITUDE_AGE_MAX_S = 0.15
 """How far an attitude is carried ahead by the body rates."""
+TILT_JUMP_RAD = math.radians(4.0)
+"""The same of roll or pitch: with it the thrust, and the cable's force that is felt, turn at once."""
 YAW_JUMP_RAD = math.radians(3.0)
 """A change of yaw between two attitudes that the gyro does not explain is a reset of the autopilot's estimate."""
 
@@ -156,6 +158,8 @@ class AttitudeTracker:
         self._gyro_yaw_at_last_rad = 0.0
         self._gyro_is_whole = True
         self._yaw_jump_rad = 0.0
+        self._gyro_tilt_rad = (0.0, 0.0)
+        self._tilt_jumped = False
 
     def reset(self) -> None:
         """Forget every attitude; the filter's frame stays."""
@@ -170,10 +174,18 @@ class AttitudeTracker:
         ):
             turned = self._gyro_yaw_rad - self._gyro_yaw_at_last_rad
             jump = wrap_pi(attitude.yaw_rad - self._last.yaw_rad - turned)
+            rolled, pitched = self._gyro_tilt_rad
+            tilt_jumped = (
+                abs(wrap_pi(attitude.roll_rad - self._last.roll_rad - rolled)) > TILT_JUMP_RAD
+                or abs(attitude.pitch_rad - self._last.pitch_rad - pitched) > TILT_JUMP_RAD
+            )
             if abs(jump) > YAW_JUMP_RAD:
                 self._yaw_jump_rad += jump
-                # Interpolating across a reset would give a heading that never was.
+            self._tilt_jumped |= tilt_jumped
+            if abs(jump) > YAW_JUMP_RAD or tilt_jumped:
+                # Interpolating across a reset would give an attitude that never was.
                 self._last = None
+        self._gyro_tilt_rad = (0.0, 0.0)
         self._gyro_yaw_at_last_rad = self._gyro_yaw_rad
         self._gyro_is_whole = True
         self._before, self._last = self._last, attitude
@@ -182,6 +194,11 @@ class AttitudeTracker:
         """Return by how much the autopilot's yaw was reset since the last call [rad]."""
         jump, self._yaw_jump_rad = self._yaw_jump_rad, 0.0
         return jump
+
+    def take_tilt_jump(self) -> bool:
+        """Return whether the autopilot's roll or pitch was reset since the last call."""
+        jumped, self._tilt_jumped = self._tilt_jumped, False
+        return jumped
 
     def at(self, interval: ImuInterval) -> Tilt | None:
         """Return the attitude at the middle of an IMU interval; None where none is fresh enough."""
@@ -196,6 +213,10 @@ class AttitudeTracker:
         yaw_rate = turn / c_pitch
         self._level_yaw_rad = wrap_pi(self._level_yaw_rad + yaw_rate * interval.dt_s)
         self._gyro_yaw_rad += yaw_rate * interval.dt_s
+        roll_rate = p + turn * math.tan(last.pitch_rad)
+        pitch_rate = q * c_roll - r * s_roll
+        rolled, pitched = self._gyro_tilt_rad
+        self._gyro_tilt_rad = (rolled + roll_rate * interval.dt_s, pitched + pitch_rate * interval.dt_s)
         if interval.missing_s > 0.0:
             # What was turned in a gap is a guess; held against the attitude it would look like a reset of the yaw.
             self._gyro_is_whole = False
@@ -208,8 +229,8 @@ class AttitudeTracker:
             pitch = last.pitch_rad + share * (last.pitch_rad - before.pitch_rad)
             yaw = last.yaw_rad + share * wrap_pi(last.yaw_rad - before.yaw_rad)
         else:
-            roll = last.roll_rad + ahead_s * (p + turn * math.tan(last.pitch_rad))
-            pitch = last.pitch_rad + ahead_s * (q * c_roll - r * s_roll)
+            roll = last.roll_rad + ahead_s * roll_rate
+            pitch = last.pitch_rad + ahead_s * pitch_rate
             yaw = last.yaw_rad + ahead_s * yaw_rate
         # The integral stands at the interval's end, the attitude at its middle.
         level_yaw = self._level_yaw_rad - yaw_rate * (interval.t_boot_s - interval.t_mean_s)

@@ -36,6 +36,7 @@ SAID = {
 QUESTIONS = {
     mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
     mavlink.MAVLINK_MSG_ID_PARAM_VALUE,
+    mavlink.MAVLINK_MSG_ID_PARAM_ERROR,
     mavlink.MAVLINK_MSG_ID_TIMESYNC,
 }
 """What it may ask besides, and say of its own parameters: nothing that changes the autopilot's state."""

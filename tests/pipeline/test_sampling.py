@@ -1,6 +1,7 @@
 """From PX4's jittered streams to the filter's grid, and the attitude that belongs to a step."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -242,3 +243,32 @@ def test_wrap(angle_rad: float) -> None:
     wrapped = wrap_pi(angle_rad)
     assert -math.pi <= wrapped < math.pi
     assert math.cos(wrapped - angle_rad) == pytest.approx(1.0)
+
+
+class Rolling:
+    """A vehicle that rolls to and fro at up to 1.5 rad/s and streams at 100 Hz."""
+
+    def __init__(self) -> None:
+        self.tracker = AttitudeTracker()
+        self.t_s = 0.0
+        self.offset_rad = 0.0
+        self.jumps = 0
+
+    def run(self, steps: int, lost: Callable[[], bool] = lambda: False) -> None:
+        for _ in range(steps):
+            self.t_s += 0.01
+            rate = 1.5 * math.cos(5.0 * (self.t_s - 0.009))
+            self.tracker.at(interval_at(self.t_s - 0.004, (rate, 0.0, 0.0), 0.01))
+            if not lost():
+                self.tracker.add(attitude(self.t_s, 0.3 * math.sin(5.0 * self.t_s) + self.offset_rad))
+                self.jumps += self.tracker.take_tilt_jump()
+
+
+def test_a_reset_of_the_tilt_is_told_once_and_a_manoeuvre_is_none() -> None:
+    rolling = Rolling()
+    random = np.random.default_rng(4)
+    rolling.run(500, lost=lambda: bool(random.random() < 0.3))
+    assert rolling.jumps == 0
+    rolling.offset_rad = 0.1
+    rolling.run(100)
+    assert rolling.jumps == 1
