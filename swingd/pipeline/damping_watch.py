@@ -32,12 +32,16 @@ UNEXPLAINED_MPS = 0.3
 GROWN_MPS = 0.5
 """A smaller swing is not judged: noise grows too."""
 GAIN_MIN = 0.2
+GAIN_PLAUSIBLE = -3.0
+"""What a much smaller push seems to make is made by something else."""
 GAIN_DEVIATIONS = 2.0
 """Flights with wind, gusts, a wrong load and 0.15 s of extra delay stay 1.4 deviations and more above `GAIN_MIN`."""
 ANSWER_NOISE_MPS2 = 0.15
 """Of the tilt's acceleration: turbulence and the attitude's noise."""
 ANSWER_MODEL_SHARE = 0.2
 """Of what the application's reference should make of the tilt: the model is no better."""
+ANSWERS_MIN = 3.0
+"""Independent ones, before there is anything to judge."""
 ANSWER_CORRELATION_S = 0.1
 """Residuals closer than this say the same."""
 _ZERO: Vec2 = (0.0, 0.0)
@@ -223,17 +227,25 @@ class _Answer:
     """Weighted regression of what the tilt does beyond the reference on what the correction should make it do."""
 
     def __init__(self) -> None:
+        self._count = 0.0
         self._xx = 0.0
         self._xy = 0.0
+        self._yy = 0.0
 
     def update(self, expected: float, rest: float, reference: float, dt_s: float, memory_s: float) -> float | None:
         """Take one step; return the gain if it is surely below `GAIN_MIN`."""
         kept = math.exp(-dt_s / memory_s)
         variance = ANSWER_NOISE_MPS2**2 + (ANSWER_MODEL_SHARE * reference) ** 2
         weight = dt_s / (ANSWER_CORRELATION_S * variance)
+        self._count = kept * self._count + dt_s / ANSWER_CORRELATION_S
         self._xx = kept * self._xx + weight * expected * expected
         self._xy = kept * self._xy + weight * expected * rest
-        if self._xy + GAIN_DEVIATIONS * math.sqrt(self._xx) >= GAIN_MIN * self._xx:
+        self._yy = kept * self._yy + weight * rest * rest
+        if not GAIN_MIN * self._xx > self._xy > GAIN_PLAUSIBLE * self._xx or self._count < ANSWERS_MIN:
+            return None
+        # Where the rest is larger than the noise and no gain makes it fit, the model is to blame and not the vehicle.
+        misfit = max(1.0, (self._yy - self._xy * self._xy / self._xx) / self._count)
+        if self._xy + GAIN_DEVIATIONS * math.sqrt(misfit * self._xx) >= GAIN_MIN * self._xx:
             return None
         return self._xy / self._xx
 

@@ -21,7 +21,7 @@ from swingd.model.events import (
 )
 from swingd.model.parameters import Mode, Parameters
 from swingd.pipeline.commander import APPLICATION_FOR_S, STEADY_S, STREAM_LOST_S, TEXT_EVERY_S, Commander, Situation
-from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S
+from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S, Evidence
 from swingd.pipeline.payload_state import PayloadState
 
 DT_S = 0.01
@@ -31,6 +31,7 @@ VELOCITY = SetpointUse.VEL | SetpointUse.YAW
 ACC = SetpointUse.ACC_N | SetpointUse.ACC_E
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 PASSED = [PassSetpoint()]
+GOOD = Evidence(True, True, True, True, True, True, PayloadState.ATTACHED, True, True, True, True, True)
 
 
 @dataclass
@@ -44,12 +45,17 @@ class Bench:
     mode: FlightMode = FlightMode.OFFBOARD
     armed: bool = True
     heartbeats: bool = True
+    height: bool = False
+    """Whether the least height of a correction stays as it is configured."""
     ask: bool = True
     situation: dict[str, Any] = field(default_factory=dict)
     source: int = APP
     vel: Vec3 = (2.0, -1.0, 0.5)
 
     def __post_init__(self) -> None:
+        # No position is given here: the height is looked at in tests of its own.
+        if not self.height:
+            self.parameters = replace(self.parameters, control=replace(self.parameters.control, height_min_m=0.0))
         self.commander = Commander(self.parameters)
         self._asked_s = self._beat_s = -math.inf
         self.passed: list[float] = []
@@ -84,9 +90,10 @@ class Bench:
             self.commander.set_state(AutopilotState(self.t_s, self.armed, self.mode, self.kind))
         usual: dict[str, Any] = {
             "gap": False,
-            "payload": PayloadState.ATTACHED,
+            "evidence": GOOD,
             "health": Health.READY,
             "taking_off": False,
+            "tilt_acc_mps2": (0.0, 0.0),
             "direction": (0.1, -0.05),
             "direction_rate_per_s": (0.2, 0.1),
         }
@@ -153,8 +160,8 @@ def test_the_first_ones_pass_until_a_stream_is_known_and_a_step_has_agreed() -> 
         {"situation": {"health": Health.INIT}},
         {"situation": {"health": Health.DEGRADED}},
         {"situation": {"health": Health.FAULT}},
-        {"situation": {"payload": PayloadState.SLACK}},
-        {"situation": {"payload": PayloadState.UNKNOWN}},
+        {"situation": {"evidence": replace(GOOD, payload=PayloadState.SLACK)}},
+        {"situation": {"evidence": replace(GOOD, payload=PayloadState.UNKNOWN)}},
         {"situation": {"gap": True}},
         {"mode": FlightMode.OTHER},
         {"mode": FlightMode.UNKNOWN},
@@ -425,3 +432,31 @@ def test_a_reference_that_hold_cannot_take_is_refused_in_words_once() -> None:
     assert setpoint is not None
     assert bench.commander.refused_references == 10
     assert setpoint.yaw_rad == 0.7
+
+
+def at_height(bench: Bench, height_m: float) -> Bench:
+    """Let the vehicle be that high above its origin for a second."""
+    for _ in range(10):
+        bench.commander.add_position(LocalPosition(bench.t_s, bench.t_s, (0.0, 0.0, -height_m), bench.vel))
+        bench.run(0.1)
+    return bench
+
+
+def test_near_the_ground_nothing_is_corrected() -> None:
+    bench = Bench(height=True)
+    for height_m, corrected in ((0.9, False), (1.1, True), (0.9, False), (30.0, True)):
+        at_height(at_height(bench, height_m), height_m)
+        assert bool(bench.sent) is corrected, height_m
+    bench.run(2.0)
+    assert not bench.sent, "a height that is not known any more is none"
+
+
+def test_the_height_counts_from_where_the_vehicle_was_armed() -> None:
+    """On a hill 50 m above the origin of its position."""
+    bench = Bench(height=True, armed=False)
+    at_height(bench, 50.0)
+    bench.armed = True
+    at_height(bench, 50.5)
+    assert not at_height(bench, 50.5).sent
+    at_height(bench, 51.5)
+    assert at_height(bench, 51.5).sent
