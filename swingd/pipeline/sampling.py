@@ -158,7 +158,8 @@ class AttitudeTracker:
         self._gyro_yaw_at_last_rad = 0.0
         self._gyro_is_whole = True
         self._yaw_jump_rad = 0.0
-        self._gyro_tilt_rad = (0.0, 0.0)
+        self._gyro_tilt_rad: tuple[float, float] | None = None
+        self._tilt_before_rad = (0.0, 0.0)
         self._tilt_jumped = False
 
     def reset(self) -> None:
@@ -174,21 +175,29 @@ class AttitudeTracker:
         ):
             turned = self._gyro_yaw_rad - self._gyro_yaw_at_last_rad
             jump = wrap_pi(attitude.yaw_rad - self._last.yaw_rad - turned)
-            rolled, pitched = self._gyro_tilt_rad
-            tilt_jumped = (
-                abs(wrap_pi(attitude.roll_rad - self._last.roll_rad - rolled)) > TILT_JUMP_RAD
-                or abs(attitude.pitch_rad - self._last.pitch_rad - pitched) > TILT_JUMP_RAD
-            )
+            tilt_jumped = self._tilt_jumps(attitude)
             if abs(jump) > YAW_JUMP_RAD:
                 self._yaw_jump_rad += jump
             self._tilt_jumped |= tilt_jumped
             if abs(jump) > YAW_JUMP_RAD or tilt_jumped:
                 # Interpolating across a reset would give an attitude that never was.
                 self._last = None
-        self._gyro_tilt_rad = (0.0, 0.0)
+        if self._gyro_tilt_rad is not None or self._last is None or not self._gyro_is_whole:
+            # Else no interval has shown yet what was turned since.
+            self._tilt_before_rad, self._gyro_tilt_rad = (attitude.roll_rad, attitude.pitch_rad), None
         self._gyro_yaw_at_last_rad = self._gyro_yaw_rad
         self._gyro_is_whole = True
         self._before, self._last = self._last, attitude
+
+    def _tilt_jumps(self, attitude: Attitude) -> bool:
+        """Whether roll or pitch has changed by what the gyro does not explain."""
+        if self._gyro_tilt_rad is None:
+            return False
+        (rolled, pitched), (roll, pitch) = self._gyro_tilt_rad, self._tilt_before_rad
+        unexplained_rad = max(
+            abs(wrap_pi(attitude.roll_rad - roll - rolled)), abs(attitude.pitch_rad - pitch - pitched)
+        )
+        return unexplained_rad > TILT_JUMP_RAD
 
     def take_yaw_jump(self) -> float:
         """Return by how much the autopilot's yaw was reset since the last call [rad]."""
@@ -215,7 +224,7 @@ class AttitudeTracker:
         self._gyro_yaw_rad += yaw_rate * interval.dt_s
         roll_rate = p + turn * math.tan(last.pitch_rad)
         pitch_rate = q * c_roll - r * s_roll
-        rolled, pitched = self._gyro_tilt_rad
+        rolled, pitched = self._gyro_tilt_rad or (0.0, 0.0)
         self._gyro_tilt_rad = (rolled + roll_rate * interval.dt_s, pitched + pitch_rate * interval.dt_s)
         if interval.missing_s > 0.0:
             # What was turned in a gap is a guess; held against the attitude it would look like a reset of the yaw.
