@@ -250,7 +250,7 @@ def test_the_clock_is_asked_for_seldom_until_it_answers() -> None:
     ticks_s = [0.05 * k for k in range(200)]
     assert sum(watch.request_due(t_s) for t_s in ticks_s) == 10
     watch.answered(10.0, 0.01)
-    assert sum(watch.request_due(10.0 + t_s) for t_s in ticks_s) == 50
+    assert sum(watch.request_due(10.0 + t_s) for t_s in ticks_s) == 100
 
 
 def test_an_uncertain_angle_is_not_ready() -> None:
