@@ -30,7 +30,7 @@ ROUND_TRIP_MAX_S = 0.2
 """To the autopilot and back; beyond it the correction would come too late to damp and soon in time to drive."""
 ROUND_TRIP_SILENCE_S = 0.8
 """Without an answer for longer, where there were answers, the link is taken to be that slow: eight lost in a row, which
-a link that loses a fifth each way does once in hours."""
+happens every ten minutes where a fifth is lost each way."""
 CLOCK_REQUEST_S = 0.1
 CLOCK_REQUEST_UNANSWERED_S = 1.0
 HEARTBEAT_LATE_S = 3.0
