@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -59,6 +60,9 @@ _REPEATED_IDS = frozenset(
 _SAID_KEPT = 1024
 """Own frames whose checksums are kept, to know them when they come back."""
 _NAMESAKE_EVERY_S = 30.0
+_CHANGE_EVERY_S = 0.2
+"""Between two changes of the pipeline's parameters: gains are designed anew for milliseconds each time, and whoever
+sets values without end must not hold up what passes."""
 _COMPONENT_AT = 6
 """Of a MAVLink 2 frame, as all of swingd's own are."""
 
@@ -143,6 +147,8 @@ class Engine:
         self._rc_switch = RcSwitch(link.rc_channel)
         self._texts = StatusTextLimiter()
         self._preflight = Preflight()
+        self._changed_s = -math.inf
+        self._change_waits = False
         self._compensated: bool | None = None
         self._signing_demanded = False
         self._encoders: dict[int, Encoder] = {}
@@ -240,6 +246,7 @@ class Engine:
         if self._pipeline is None and t_mono_s - self._heartbeat_s >= _HEARTBEAT_S:
             self._heartbeat_s = t_mono_s
             self._act(t_mono_s, Heartbeat(Health.INIT if self.failure is None else Health.FAULT), out)
+        self._take_change(t_mono_s, out)
         self._step(Tick(t_mono_s), out)
         for text in self._texts.tick(t_mono_s):
             self._say(self.adapter.messages(text), self.router.ports, out)
@@ -365,8 +372,17 @@ class Engine:
 
     def _change(self, t_mono_s: float, parameters: Parameters, out: list[Delivery]) -> None:
         self._parameters = parameters
-        self.adapter.configure_motors(parameters.thrust)
-        self._step(ParametersChange(t_mono_s, parameters), out)
+        self._change_waits = True
+        self._take_change(t_mono_s, out)
+
+    def _take_change(self, t_mono_s: float, out: list[Delivery]) -> None:
+        """Let the pipeline take the parameters, at once or, where they change often, the latest a little later."""
+        if not self._change_waits or t_mono_s - self._changed_s < _CHANGE_EVERY_S:
+            return
+        self._changed_s = t_mono_s
+        self._change_waits = False
+        self.adapter.configure_motors(self._parameters.thrust)
+        self._step(ParametersChange(t_mono_s, self._parameters), out)
 
     # ---- events and actions
 
