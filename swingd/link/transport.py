@@ -33,6 +33,9 @@ Address = tuple[Any, ...]
 _Handle: TypeAlias = socket.socket | serial.Serial
 
 _READ_BYTES = 65536
+_TCP_BUFFER_BYTES = 32768
+"""In the operating system, which doubles it and by itself gives a peer that does not read megabytes, minutes of
+telemetry: whoever reads again is to hear what is so now."""
 _DATAGRAMS_PER_TURN = 64
 _RETRY_MIN_S = 0.1
 _RETRY_MAX_S = 3.0
@@ -638,6 +641,7 @@ def _tune(sock: socket.socket) -> None:
     """Send at once, and notice a peer that vanished without a word."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _TCP_BUFFER_BYTES)
     for name, value in (
         ("TCP_KEEPIDLE", 3),
         ("TCP_KEEPINTVL", 1),
