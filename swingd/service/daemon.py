@@ -55,6 +55,8 @@ LOAD_AFTER_S = 0.5
 """The filter is loaded once the first frame has been forwarded, or after this time without any."""
 HAND_BACK_SPARE_S = 0.5
 """Beyond the fade's own time: after it the end waits for no filter step any more."""
+HAND_OVER_S = 0.15
+"""After the fade: time for the application's own setpoint to pass once more."""
 GARBAGE_THRESHOLD = 50_000
 """Objects between two collections: the engine makes no cycles, and a setpoint should not wait for the collector."""
 
@@ -311,6 +313,7 @@ class Daemon:
     async def _tick_until_stopped(self) -> None:
         due_s = flush_s = time.monotonic()
         leave_s: float | None = None
+        fading = False
         while not self._stop.is_set():
             now_s = time.monotonic()
             # After a stall the ticks that were missed are not made up.
@@ -330,7 +333,10 @@ class Daemon:
                 self._supervisor.feed(now_s, self._engine.adapter.received[Stream.IMU], self._intervals())
             if self._leaving and leave_s is None:
                 leave_s = self._hand_back(now_s)
-            if leave_s is not None and (now_s >= leave_s or not self._is_correcting):
+                fading = self._is_correcting
+            elif leave_s is not None and fading and not self._is_correcting:
+                leave_s, fading = min(leave_s, now_s + HAND_OVER_S), False
+            if leave_s is not None and now_s >= leave_s:
                 return
 
     @property

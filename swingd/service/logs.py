@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, TextIO, cast
 
@@ -17,6 +17,8 @@ REPEATS_MAX = 5
 WINDOW_S = 10.0
 EVENTS_MAX = 256
 """Different events that are counted at a time: their texts may hold what others have sent."""
+LINES_MAX = 100
+"""Lines of any events within `WINDOW_S`; errors and worse are written beyond it."""
 
 _PRIORITIES = {"debug": 7, "info": 6, "warning": 4, "error": 3, "critical": 2}
 _METHODS = {
@@ -31,12 +33,12 @@ _KEPT_MAX = 1000
 
 @dataclass(slots=True)
 class _Window:
-    """One event since it was written first."""
+    """One event since it was written first, or all together."""
 
     begun_s: float
-    level: str
-    event: str
-    fields: dict[str, Any]
+    level: str = "warning"
+    event: str = "lines of many events"
+    fields: dict[str, Any] = field(default_factory=dict)
     written: int = 0
     left_out: int = 0
 
@@ -53,8 +55,8 @@ class Log:
 
     Notes
     -----
-    Of one event `REPEATS_MAX` lines are written within `WINDOW_S`, then one that says how many were left out. May be
-    used from any thread.
+    Of one event `REPEATS_MAX` lines are written within `WINDOW_S`, then one that says how many were left out; of all
+    together `LINES_MAX`. May be used from any thread.
     """
 
     def __init__(self, under_journald: bool = False, clock: Callable[[], float] = time.monotonic) -> None:
@@ -64,6 +66,7 @@ class Log:
         self._kept: list[tuple[str, str, dict[str, Any]]] = []
         self._logger: Any = None
         self._windows: dict[tuple[str, Any], _Window] = {}
+        self._all = _Window(clock())
 
     def open(self) -> None:
         """Load structlog, write what was kept, and write at once from now on."""
@@ -98,13 +101,16 @@ class Log:
                 window.left_out += 1
                 return
             window.written += 1
+            if self._all.written >= LINES_MAX and _PRIORITIES[level] > _PRIORITIES["error"]:
+                self._all.left_out += 1
+                return
+            self._all.written += 1
             self._emit(level, event, fields)
 
     def tick(self) -> None:
         """Let time pass: say how much was left out, where that has ended."""
-        if self._windows:
-            with self._lock:
-                self._sum_up(self._clock())
+        with self._lock:
+            self._sum_up(self._clock())
 
     def info(self, event: str, **fields: Any) -> None:
         """Write a line of level info."""
@@ -119,6 +125,9 @@ class Log:
         self.write("error", event, **fields)
 
     def _sum_up(self, now_s: float) -> None:
+        if now_s - self._all.begun_s >= WINDOW_S:
+            ended, self._all = self._all, _Window(now_s)
+            self._tell_left_out(ended)
         # In the order of their beginnings, as a dictionary keeps them.
         while self._windows:
             key = next(iter(self._windows))
@@ -127,7 +136,9 @@ class Log:
             self._end(key)
 
     def _end(self, key: tuple[str, Any]) -> None:
-        window = self._windows.pop(key)
+        self._tell_left_out(self._windows.pop(key))
+
+    def _tell_left_out(self, window: _Window) -> None:
         if window.left_out:
             self._emit(window.level, window.event, {**window.fields, "left_out": window.left_out})
 

@@ -12,6 +12,7 @@ LATENCIES_KEPT = 1 << 17
 """About twenty minutes of setpoints."""
 RECENT = 2048
 """Setpoints whose latency tells how it is now: some twenty seconds."""
+RECENT_STEPS = 200
 STAMPS_KEPT = 4096
 """About forty seconds of filter steps: the rate is that of the end, not of the start, when streams are still slow."""
 
@@ -23,7 +24,7 @@ class Recent:
     filter_steps: int
     """Since the start."""
     filter_hz: float
-    """Over the autopilot's time, the last 4096 steps."""
+    """Over the autopilot's time, the last 200 steps."""
     latency_ms_p50: float | None
     """Of the last 2048 setpoints; see `Summary`."""
     latency_ms_p99: float | None
@@ -84,16 +85,18 @@ class Meter:
             self._latencies_s[self._setpoints % LATENCIES_KEPT] = latency_s
         self._setpoints += 1
 
-    @property
-    def _filter_hz(self) -> float:
+    def _filter_hz(self, last: int) -> float:
         stamps_s = self._stamps_s
-        span_s = stamps_s[-1] - stamps_s[0] if stamps_s else 0.0
-        return (len(stamps_s) - 1) / span_s if span_s > 0.0 else 0.0
+        count = min(len(stamps_s), last)
+        span_s = stamps_s[-1] - stamps_s[-count] if count else 0.0
+        return (count - 1) / span_s if span_s > 0.0 else 0.0
 
     def recent(self) -> Recent:
         """Return how it goes now."""
         latencies_ms = sorted(1e3 * latency_s for latency_s in self._recent_s)
-        return Recent(self._steps, self._filter_hz, _quantile(latencies_ms, 0.5), _quantile(latencies_ms, 0.99))
+        return Recent(
+            self._steps, self._filter_hz(RECENT_STEPS), _quantile(latencies_ms, 0.5), _quantile(latencies_ms, 0.99)
+        )
 
     def summary(self) -> Summary:
         """Return the figures so far."""
@@ -102,7 +105,7 @@ class Meter:
         return Summary(
             duration_s=duration_s,
             filter_steps=self._steps,
-            filter_hz=self._filter_hz,
+            filter_hz=self._filter_hz(STAMPS_KEPT),
             forwarded=self.forwarded,
             left_out=self.left_out,
             setpoints=self._setpoints,

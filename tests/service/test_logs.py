@@ -12,7 +12,16 @@ from typing import Any
 import pytest
 
 from swingd.model.actions import Severity
-from swingd.service.logs import EVENTS_MAX, REPEATS_MAX, WINDOW_S, Log, journald_reads, level_of, with_priority
+from swingd.service.logs import (
+    EVENTS_MAX,
+    LINES_MAX,
+    REPEATS_MAX,
+    WINDOW_S,
+    Log,
+    journald_reads,
+    level_of,
+    with_priority,
+)
 
 
 def test_a_line_is_json_where_nobody_watches(capsys: pytest.CaptureFixture[str]) -> None:
@@ -39,18 +48,24 @@ def test_under_journald_a_line_carries_its_priority(capsys: pytest.CaptureFixtur
 
 def test_what_was_said_before_is_kept_with_its_time_and_order(capsys: pytest.CaptureFixture[str]) -> None:
     log = Log()
-    for number in range(2000):
+    for number in range(20):
         log.info(f"early {number}")
     assert capsys.readouterr().err == ""
     log.open()
     log.open()
     log.info("late")
     lines = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
-    assert [line["event"] for line in lines] == [*(f"early {number}" for number in range(1000)), "late"], (
-        "bounded, and written once"
-    )
+    assert [line["event"] for line in lines] == [*(f"early {number}" for number in range(20)), "late"], "written once"
     times = [line["timestamp"] for line in lines]
     assert times == sorted(times)
+
+
+def test_what_is_kept_until_it_opens_is_bounded(capsys: pytest.CaptureFixture[str]) -> None:
+    log = Log()
+    for number in range(2000):
+        log.error(f"early {number}")
+    log.open()
+    assert len(capsys.readouterr().err.splitlines()) == 1000
 
 
 class Clock:
@@ -95,6 +110,23 @@ def test_the_same_event_is_written_a_few_times_then_counted(capsys: pytest.Captu
     clock.t_s += 3 * WINDOW_S
     log.tick()
     assert _lines(capsys) == [], "nothing was left out"
+
+
+def test_many_events_together_are_limited_but_for_errors(capsys: pytest.CaptureFixture[str]) -> None:
+    """GIVEN texts that each differ, by a ground station's values WHEN they flood THEN most are counted."""
+    clock = Clock()
+    log = opened(clock)
+    for number in range(3 * LINES_MAX):
+        log.info(f"SWG_DAMPING set to {number}")
+    log.error("the filter has failed")
+    lines = _lines(capsys)
+    assert len(lines) == LINES_MAX + 1
+    assert lines[-1]["event"] == "the filter has failed"
+    clock.t_s = WINDOW_S
+    log.tick()
+    assert [line["left_out"] for line in _lines(capsys)] == [2 * LINES_MAX]
+    log.info("again")
+    assert [line["event"] for line in _lines(capsys)] == ["again"]
 
 
 def test_what_was_left_out_is_told_at_the_end(capsys: pytest.CaptureFixture[str]) -> None:
