@@ -200,9 +200,9 @@ def _is_answered(path: Path) -> bool:
 # -------------------------------------------------------------------------------------------------------- asks
 
 
-def sockets() -> list[StatusSocket]:
-    """Every socket of a daemon that this user may see, the system's own services included."""
-    folders = [runtime_folder(), SYSTEM_FOLDER]
+def sockets(*others: Path) -> list[StatusSocket]:
+    """Every socket of a daemon that this user may see, the system's own services and ``others``' folders included."""
+    folders = [*others, runtime_folder(), SYSTEM_FOLDER]
     with contextlib.suppress(OSError):
         folders += sorted(path for path in SYSTEM_FOLDER.iterdir() if path.is_dir())
     return [found for folder in dict.fromkeys(folders) for found in _sockets_in(folder)]

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from ports import udp_port
@@ -89,6 +90,8 @@ class LiveFlight:
         self.corrected: list[tuple[float, bool]] = []
         """Of every step: when, and whether what the autopilot follows has a correction in it."""
         self.is_corrected = False
+        self.folders: tuple[Path, ...] = ()
+        """Where the daemon's status socket is looked for, besides the usual places."""
         self.daemon: Daemon | None = None
         self._log: list[bytes] = []
         self._parameters = parameters
@@ -140,8 +143,9 @@ class LiveFlight:
         endpoints: Sequence[str] = (),
         environment: dict[str, str] | None = None,
         file_bytes_max: int | None = None,
+        command: Sequence[str] | None = None,
     ) -> Daemon:
-        """Start ``swingd run``, without a terminal as a service has none."""
+        """Start ``swingd run``, or another command that becomes it, without a terminal as a service has none."""
 
         def limit() -> None:
             if file_bytes_max is not None:
@@ -150,7 +154,7 @@ class LiveFlight:
         read, write = os.pipe()
         self._pump(read)
         self.daemon = subprocess.Popen(
-            self.arguments(*options, endpoints=endpoints),
+            command or self.arguments(*options, endpoints=endpoints),
             stderr=write,
             stdin=subprocess.DEVNULL,
             start_new_session=True,
@@ -181,7 +185,7 @@ class LiveFlight:
     def status(self) -> dict[str, Any]:
         """What the daemon says of itself."""
         assert self.daemon is not None
-        (its_own,) = (found for found in sockets() if found.pid == self.daemon.pid)
+        (its_own,) = (found for found in sockets(*self.folders) if found.pid == self.daemon.pid)
         return ask(its_own.path)
 
     def until(self, condition: Callable[[], object], at_most_s: float = 30.0) -> None:
