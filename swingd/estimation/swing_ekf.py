@@ -23,6 +23,9 @@ COHERENT_PERIODS = 1.5
 HALVINGS_MAX = 4
 GATE_CLOSED = -1.0
 """A gate that every measurement exceeds: the step is a prediction."""
+UNSEEN_ACC_MPS2 = 2.0
+"""Deviation of the vehicle's acceleration from the one that is assumed where samples are missing: a manoeuvre that
+began, or ended, unseen."""
 ANGLE_NOISE_VAR = 1e-8
 """Process noise density of the angles [rad^2/s]: keeps the covariance regular, far below everything else."""
 
@@ -136,10 +139,18 @@ class SwingEkf:
         return status
 
     def coast(self, force_n: FloatArray, dt_s: float) -> None:
-        """Predict over an interval without a measurement."""
+        """Predict over an interval without a measurement, whose inputs are a guess, and with them the swing."""
         if not inputs_valid(force_n, force_n, dt_s):
             return
         self._force[:] = force_n
+        # A constant acceleration that was not seen; left out, its swing would be taken for wind, which does not fade.
+        rate = UNSEEN_ACC_MPS2 / self._length_m * dt_s
+        angle = 0.5 * rate * dt_s
+        for i in (State.XI, State.ZETA):
+            self._P[i, i] += angle**2
+            self._P[i, i + 2] += angle * rate
+            self._P[i + 2, i] += angle * rate
+            self._P[i + 2, i + 2] += rate**2
         if self._advance(np.zeros(3), dt_s, GATE_CLOSED) not in (Status.OK, Status.GATED):
             self.reset(ResetReason.NUMERICS)
         elif (reason := fault_of(self._x, self._P, self._gated_s)) is not None:
