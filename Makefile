@@ -60,8 +60,21 @@ define CHECK_PATHS
 @case '$(DESTDIR)' in ''|/?*) ;; *) echo "DESTDIR: '$(DESTDIR)'; expected an absolute path below /, or nothing" >&2; exit 2;; esac
 endef
 
+define CHECK_VENV
+@case '$(VENV_READY)' in /?*) ;; *) echo "VENV_READY: '$(VENV_READY)'; expected an absolute path, units name the command by it" >&2; exit 2;; esac
+@test -x '$(DESTDIR)$(VENV_READY)/bin/swingd' || test -x '$(VENV_READY)/bin/swingd' || { \
+	echo "VENV_READY: '$(VENV_READY)' has no command bin/swingd; expected an environment that swingd is installed in" >&2; exit 2; }
+endef
+
 install:  ## as a service, below DESTDIR if it is given; see docs/service.md
 	$(CHECK_PATHS)
+ifneq ($(VENV_READY),)
+	$(CHECK_VENV)
+ifeq ($(DESTDIR),)
+	@'$(VENV_READY)/bin/python' -c 'import os, sys; p = [p for p in map(os.path.realpath, (sys.prefix, sys.base_prefix)) if p.startswith(("/home/", "/root/"))]; sys.exit(f"VENV_READY: {p[0]} lies in a home folder, which the service does not see; expected one of the system" if p else 0)'
+	@'$(VENV_READY)/bin/swingd' --version > /dev/null
+endif
+endif
 ifeq ($(VENV_READY),)
 	@$(PYTHON) -c 'import os, sys; p = os.path.realpath(sys.base_prefix); sys.exit(f"PYTHON: {p} lies in a home folder, which the service does not see; expected one of the system" if p.startswith(("/home/", "/root/")) else 0)'
 	@# For the service's user to read, whatever root's umask; built from a copy, so that no file of root's stays here.

@@ -17,8 +17,9 @@ READ_TIMEOUT_S = 30.0
 _AT_START = ("autopilot", "system_id", "component_id", "key_file", "rc_channel")
 """Keys of ``link`` that links and servers are made of."""
 _READER = """\
-import json, os, sys
-os.nice(10)
+import contextlib, json, os, sys
+with contextlib.suppress(OSError):  # a sandbox may deny it
+    os.nice(10)
 from swingd.config.loader import load_parameters
 from swingd.config.plain import parameters_to_json
 from swingd.model.errors import ConfigurationError

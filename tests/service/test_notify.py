@@ -161,6 +161,28 @@ def test_what_a_busy_manager_has_not_taken_is_said_again_but_no_old_feeding(
     assert manager.told() == ["READY=1", "STATUS=mode shadow, ready"]
 
 
+def test_a_reload_is_told_with_its_time_and_its_end_even_late(manager: Manager, supervisor: Supervisor) -> None:
+    """GIVEN a manager that is told of a reload THEN by its time; one that was busy meanwhile hears the end alone."""
+    before_us = time.monotonic_ns() // 1000
+    supervisor.reloading()
+    said, stamp = manager.told()
+    assert said == "RELOADING=1"
+    assert before_us <= int(stamp.removeprefix("MONOTONIC_USEC=")) <= time.monotonic_ns() // 1000
+    supervisor.ready()
+    assert manager.told() == ["READY=1"]
+
+    filler = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    filler.setblocking(False)
+    with filler, contextlib.suppress(BlockingIOError):
+        while True:
+            filler.sendto(b"FILLER=1", manager.environment["NOTIFY_SOCKET"])
+    supervisor.reloading()
+    supervisor.ready()
+    manager.told()
+    supervisor.feed(1.0, 0, None)
+    assert manager.told() == ["READY=1", WATCHDOG]
+
+
 def test_a_manager_that_is_gone_and_an_abstract_address_are_no_trouble() -> None:
     name = f"swingd-test-{os.getpid()}"
     supervisor = Supervisor(f"@{name}")

@@ -1,5 +1,7 @@
 """The unit files as ``make install`` stages them."""
 
+import dataclasses
+import inspect
 import os
 import shutil
 import subprocess
@@ -10,6 +12,10 @@ from pathlib import Path
 import pytest
 
 from swingd.cli.process import EXIT_CONFIG
+from swingd.model.parameters import Control
+from swingd.record.event_log import EventLogWriter
+from swingd.service.daemon import HAND_BACK_SPARE_S
+from swingd.service.state import StateFile
 
 PROJECT = Path(__file__).resolve().parents[2]
 SYSTEMD = PROJECT / "systemd"
@@ -84,6 +90,17 @@ def test_a_place_that_would_be_another_than_meant_is_refused(
     assert files_below(tmp_path) == set()
 
 
+@pytest.mark.parametrize("environment", ["venv", "/nowhere/venv"])
+def test_an_environment_that_cannot_be_started_is_refused_before_anything_is_installed(
+    environment: str, make: Make, tmp_path: Path
+) -> None:
+    refused = make("install", VENV_READY=environment)
+    assert refused.returncode != 0
+    assert f"VENV_READY: '{environment}'" in refused.stderr
+    assert "expected an" in refused.stderr
+    assert files_below(tmp_path) == set()
+
+
 def test_units_start_what_was_installed(make: Make, tmp_path: Path) -> None:
     assert make("install").returncode == 0
     for name, configuration in (("swingd.service", "swingd"), ("swingd@.service", "%i")):
@@ -106,6 +123,17 @@ def test_what_cannot_heal_is_not_started_again() -> None:
         settings = _settings((SYSTEMD / name).read_text(encoding="utf-8"))
         (line,) = (setting for setting in settings if setting.startswith("RestartPreventExitStatus="))
         assert str(EXIT_CONFIG) in line.split("=")[1].split()
+
+
+def test_the_end_is_given_the_time_that_it_may_take() -> None:
+    fade_out = next(field for field in dataclasses.fields(Control) if field.name == "fade_out_s")
+    recording_s = inspect.signature(EventLogWriter.close).parameters["timeout_s"].default
+    state_s = inspect.signature(StateFile.close).parameters["timeout_s"].default
+    at_most_s = fade_out.metadata["high"] + HAND_BACK_SPARE_S + recording_s + 2 * state_s
+    for name in ("swingd.service", "swingd@.service"):
+        settings = _settings((SYSTEMD / name).read_text(encoding="utf-8"))
+        (line,) = (setting for setting in settings if setting.startswith("TimeoutStopSec="))
+        assert at_most_s + 2.0 < float(line.split("=")[1])
 
 
 def _settings(unit: str) -> set[str]:
