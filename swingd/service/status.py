@@ -229,14 +229,14 @@ def ask(path: Path, timeout_s: float = ASK_TIMEOUT_S) -> dict[str, Any]:
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
             client.settimeout(timeout_s)
-            client.connect(str(path))
+            _connect(client, path, end_s)
             while len(data) < ANSWER_MAX_BYTES:
                 client.settimeout(max(end_s - time.monotonic(), 1e-3))
                 part = client.recv(65536)
                 if not part:
                     break
                 data += part
-    except (ConnectionRefusedError, FileNotFoundError):
+    except (ConnectionRefusedError, FileNotFoundError, ConnectionResetError):
         raise StatusError(f"{path}: no swingd answers; it was killed, or ends at this moment") from None
     except PermissionError:
         raise StatusError(f"{path}: permission denied; expected its user, or a member of its group") from None
@@ -251,3 +251,16 @@ def ask(path: Path, timeout_s: float = ASK_TIMEOUT_S) -> dict[str, Any]:
     if not isinstance(answer, dict):
         raise StatusError(f"{path}: {answer!r} answered; expected a JSON object")
     return answer
+
+
+def _connect(client: socket.socket, path: Path, end_s: float) -> None:
+    """Connect; where so many ask that its queue is full, wait for a place."""
+    while True:
+        try:
+            client.connect(str(path))
+        except BlockingIOError:
+            if time.monotonic() > end_s:
+                raise TimeoutError from None
+            time.sleep(0.01)
+        else:
+            return
