@@ -169,7 +169,7 @@ def _summary(told: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
     yield "mode", told["mode"], ""
     yield "autopilot", _autopilot(told["autopilot"]), ""
     if told["payload"] is not None:
-        yield "payload", told["payload"], ""
+        yield "payload", _payload(told["payload"]), ""
     withheld = "; ".join(correction["withheld_by"])
     if correction["on"]:
         yield "correction", "on" + (f", fading: {withheld}" if withheld else ""), "green"
@@ -196,6 +196,15 @@ def _autopilot(autopilot: dict[str, Any] | None) -> str:
     if autopilot["flight_mode"] is not None:
         parts.append(mode[autopilot["flight_mode"]])
     return ", ".join(parts)
+
+
+def _payload(payload: dict[str, Any]) -> str:
+    reason, mass = payload["reason"], payload["mass"]
+    text = payload["state"] + (f": {reason}" if reason else "")
+    if mass["mass_kg"] is None:
+        return text
+    deviation = "" if mass["std_kg"] is None else f" +- {mass['std_kg']:.2g}"
+    return f"{text}; {mass['mass_kg']:.3g}{deviation} kg, {mass['reason']}"
 
 
 def _input_rows(inputs: Iterable[dict[str, Any]]) -> Iterator[tuple[tuple[str, ...], str]]:

@@ -112,7 +112,7 @@ def condition(
             "for_s": t_mono_s - standing.since_s,
         },
         "autopilot": _autopilot(engine),
-        "payload": engine.pipeline.payload.value if engine.has_joined else None,
+        "payload": _payload(engine),
         "correction": _correction(engine),
         "filter": {
             "joined": engine.has_joined,
@@ -151,6 +151,13 @@ def _autopilot(engine: Engine) -> dict[str, Any] | None:
         "armed": engine.pipeline.armed if joined else None,
         "flight_mode": engine.pipeline.flight_mode.value if joined else None,
     }
+
+
+def _payload(engine: Engine) -> dict[str, Any] | None:
+    if not engine.has_joined:
+        return None
+    pipeline = engine.pipeline
+    return {"state": pipeline.payload.value, "reason": pipeline.payload_reason, "mass": asdict(pipeline.payload_mass)}
 
 
 def _correction(engine: Engine) -> dict[str, Any]:

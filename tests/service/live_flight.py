@@ -232,6 +232,7 @@ class LiveFlight:
         self.arrivals.clear()
         self.modes.clear()
         self.corrected.clear()
+        self.application.heard.clear()
 
     def longest_gap_s(self, since_s: float, until_s: float) -> float:
         """Without a setpoint at the autopilot, between two instants of the host's monotonic clock [s]."""

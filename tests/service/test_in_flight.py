@@ -42,6 +42,12 @@ def restart_if_ended(flight: LiveFlight, configuration: Path, *options: str) -> 
     flight.until_correcting()
 
 
+def heard(flight: LiveFlight) -> list[str]:
+    """The pilot's texts at the application."""
+    frames = Framer().receive(b"".join(list(flight.application.heard)))
+    return [frame.message.text for frame in frames if frame.msg_id == mavlink.MAVLINK_MSG_ID_STATUSTEXT]
+
+
 @pytest.fixture(scope="module")
 def configuration(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("configuration") / "drone.yaml"
@@ -67,11 +73,14 @@ def flight(_flight: LiveFlight, configuration: Path) -> LiveFlight:
 
 
 def test_whoever_asks_is_told_how_it_is(flight: LiveFlight, configuration: Path) -> None:
+    flight.until(lambda: flight.status()["payload"]["mass"]["mass_kg"] is not None)
+    flight.until(lambda: flight.status()["health"]["state"] == "active")
     told = flight.status()
     assert (told["health"]["reason"], told["mode"]) == ("", "inline")
     assert told["configuration"] == str(configuration)
     assert told["autopilot"] == {"kind": "px4", "system_id": 1, "armed": True, "flight_mode": "offboard"}
-    assert told["payload"] == "load attached"
+    assert told["payload"]["state"] == "load attached"
+    assert told["payload"]["mass"]["mass_kg"] == pytest.approx(0.3, rel=0.2)
     assert told["correction"] == {"on": True, "enabled": True, "withheld_by": []}
     assert told["filter"]["rate_hz"] == pytest.approx(100.0, rel=0.05)
     assert 0.0 < told["latency_ms"]["p50"] <= told["latency_ms"]["p99"]
@@ -85,6 +94,7 @@ def test_whoever_asks_is_told_how_it_is(flight: LiveFlight, configuration: Path)
     assert page.returncode == 0, page.stderr
     assert "active for" in page.stdout
     assert "PX4, system 1, armed, follows setpoints" in page.stdout
+    assert "payload       load attached: " in page.stdout
     by_file = [*SWINGD, "status", "-c", str(configuration), "--json"]
     answer = subprocess.run(by_file, capture_output=True, text=True, timeout=20.0, check=False)
     assert answer.returncode == 0
@@ -102,6 +112,7 @@ def test_sighup_takes_over_what_can_be_and_names_the_rest(flight: LiveFlight, co
     assert refused["level"] == "error"
     assert "damping_ratio" in refused["reason"]
     assert flight.status()["correction"]["on"]
+    flight.until(lambda: "swingd: configuration refused, the old one stays" in heard(flight))
 
     configuration.write_text(
         CONFIGURATION.replace("}", ", damping_ratio: 0.4}") + "link: {rc_channel: 7}\n", encoding="utf-8"
@@ -169,9 +180,7 @@ def test_sigterm_fades_and_hands_back_before_it_ends(flight: LiveFlight) -> None
     assert took_s < FADE_OUT_S + HAND_BACK_SPARE_S + 1.0
     assert not flight.is_corrected, "the last setpoint is the application's own"
     assert flight.modes == {NavState.OFFBOARD}
-    frames = Framer().receive(b"".join(flight.application.heard))
-    texts = [frame.message.text for frame in frames if frame.msg_id == mavlink.MAVLINK_MSG_ID_STATUSTEXT]
-    assert "swingd ends: nothing passes through it any more" in texts
+    assert "swingd ends: nothing passes through it any more" in heard(flight)
     assert not sockets()
 
 

@@ -1,6 +1,7 @@
 """``swingd run`` and ``swingd sim`` as processes of their own."""
 
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -122,3 +123,18 @@ def test_a_link_that_cannot_be_opened_is_one_message(start: Start, url: str, cod
     messages = [line for line in err.splitlines() if not line.startswith("{")]
     assert messages[0].startswith("swingd: ")
     assert "Traceback" not in err
+
+
+def test_under_journald_every_line_has_its_priority_errors_of_the_configuration_too(tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text("vehicle: {mass_kg: heavy}\ncable: {length_m: 0}\n", encoding="utf-8")
+    log = tmp_path / "log"
+    with log.open("wb") as journal:
+        status = os.fstat(journal.fileno())
+        environment = os.environ | {"JOURNAL_STREAM": f"{status.st_dev}:{status.st_ino}"}
+        command = [sys.executable, "-m", "swingd", "run", "-c", str(wrong)]
+        assert subprocess.run(command, stderr=journal, env=environment, timeout=30.0, check=False).returncode == 78
+    lines = log.read_text(encoding="utf-8").splitlines()
+    assert len(lines) >= 2
+    assert {line[:3] for line in lines} == {"<3>"}
+    assert "mass_kg" in lines[0] + lines[1]

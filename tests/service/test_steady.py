@@ -30,6 +30,7 @@ class Pilot:
         self._codec = Codec(255, 190)
         self._log, self._daemon = log, daemon
         self._asked_s = 0.0
+        self._stopped = False
         self._steady_s: float | None = None
 
     def _command(self, peer: SimulatedAutopilot, number: int, *params: float) -> None:
@@ -41,7 +42,9 @@ class Pilot:
         if self._steady_s is None and reports and reports[-1].health is Health.ACTIVE:
             self._steady_s = peer.t_s + 3.0
         if self._steady_s is not None and peer.t_s > self._steady_s + STEADY_S:
-            self._daemon.stop()
+            if not self._stopped:  # a second time would not wait for the fade
+                self._daemon.stop()
+            self._stopped = True
         elif self._steady_s is not None and abs(peer.t_s - self._steady_s) < 0.003:
             self._log.error("steady from here on")
         if peer.t_s < self._asked_s + 1.0 or peer.autopilot.nav_state is NavState.OFFBOARD:
@@ -56,7 +59,9 @@ class Pilot:
 
 @pytest.mark.live
 @pytest.mark.alone
-async def test_a_steady_flight_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+async def test_a_steady_flight_says_nothing_and_its_end_is_told_to_the_pilot(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """GIVEN 20 s of a flight that is corrected WHEN nothing happens THEN no line is written, and each was one event."""
     port = udp_port()
     base = Parameters(mode=Mode.HOLD)
@@ -92,3 +97,7 @@ async def test_a_steady_flight_says_nothing(capsys: pytest.CaptureFixture[str]) 
     # The end itself: the fade, as a change of the correction, and the figures.
     assert said[0] == "correction off", said
     assert said[-1] == "stopped"
+
+    texts = [text for _, _, text in peer.companion.status_texts]
+    assert "swingd ends: the autopilot's failsafe acts next" in texts
+    assert peer.autopilot.nav_state is NavState.OFFBOARD, "what follows is the autopilot's own to do"
