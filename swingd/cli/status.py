@@ -200,7 +200,7 @@ def _autopilot(autopilot: dict[str, Any] | None) -> str:
 
 def _payload(payload: dict[str, Any]) -> str:
     reason, mass = payload["reason"], payload["mass"]
-    text = payload["state"] + (f": {reason}" if reason else "")
+    text = f"{payload['state']}: {reason}" if reason else str(payload["state"])
     if mass["mass_kg"] is None:
         return text
     deviation = "" if mass["std_kg"] is None else f" +- {mass['std_kg']:.2g}"

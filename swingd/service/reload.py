@@ -12,7 +12,7 @@ from swingd.config.plain import restore
 from swingd.model.errors import ConfigurationError
 from swingd.model.parameters import Endpoint, Parameters
 
-READ_TIMEOUT_S = 30.0
+READ_TIMEOUT_S = 15.0
 
 _AT_START = ("autopilot", "system_id", "component_id", "key_file", "rc_channel")
 """Keys of ``link`` that links and servers are made of."""

@@ -26,7 +26,8 @@ ANSWER_KEPT_S = 0.1
 ANSWER_MAX_BYTES = 1 << 20
 ASK_TIMEOUT_S = 3.0
 SYSTEM_FOLDER = Path("/run/swingd")
-"""``RuntimeDirectory`` of the units; that of ``swingd@NAME`` is in it."""
+"""``RuntimeDirectory`` of the service; those of ``swingd@NAME`` are called ``swingd@NAME`` beside it, because systemd
+removes the whole folder of a service that ends."""
 
 _ACCEPT_PAUSE_S = 1.0
 _NAME = re.compile(r"(?P<name>.+?)(?:-(?P<digest>[0-9a-f]{12}))?\.(?P<pid>[0-9]+)\.sock")
@@ -176,13 +177,14 @@ class StatusServer:
             self._loop.remove_reader(self._socket)
             self._resumption = self._loop.call_later(_ACCEPT_PAUSE_S, self._listen)
             return
-        now_s = time.monotonic()
-        if now_s - self._answered_s >= ANSWER_KEPT_S:
-            self._answered_s = now_s
-            self._text = json.dumps(self._answer()).encode() + b"\n"
-        with client, contextlib.suppress(OSError):
+        with client:
+            now_s = time.monotonic()
+            if now_s - self._answered_s >= ANSWER_KEPT_S:
+                self._answered_s = now_s
+                self._text = json.dumps(self._answer()).encode() + b"\n"
             client.setblocking(False)
-            client.send(self._text)
+            with contextlib.suppress(OSError):
+                client.send(self._text)
 
 
 def _is_answered(path: Path) -> bool:
@@ -204,7 +206,7 @@ def sockets(*others: Path) -> list[StatusSocket]:
     """Every socket of a daemon that this user may see, the system's own services and ``others``' folders included."""
     folders = [*others, runtime_folder(), SYSTEM_FOLDER]
     with contextlib.suppress(OSError):
-        folders += sorted(path for path in SYSTEM_FOLDER.iterdir() if path.is_dir())
+        folders += sorted(SYSTEM_FOLDER.parent.glob(f"{SYSTEM_FOLDER.name}@*"))
     return [found for folder in dict.fromkeys(folders) for found in _sockets_in(folder)]
 
 

@@ -217,6 +217,17 @@ def test_folders_are_those_of_the_service_the_session_or_the_user(
     assert runtime_folder() == tmp_path / f"swingd-{os.geteuid()}"
 
 
+def test_services_are_found_by_their_folders(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """As the units name them."""
+    units = Path(__file__).resolve().parents[2] / "systemd"
+    for unit, folder in (("swingd.service", "swingd"), ("swingd@.service", "swingd@%i")):
+        assert f"RuntimeDirectory={folder}\n" in (units / unit).read_text(encoding="utf-8")
+    monkeypatch.setattr("swingd.service.status.SYSTEM_FOLDER", tmp_path / "swingd")
+    iris = Path("/etc/swingd/iris.yaml")
+    with serving(tmp_path / "swingd"), serving(tmp_path / "swingd@iris", configuration=iris):
+        assert {"drone", "iris"} <= {found.name for found in sockets()}
+
+
 def test_every_daemon_of_the_user_is_found(tmp_path: Path) -> None:
     with serving(tmp_path), serving(tmp_path, configuration=None):
         assert {found.name for found in sockets(tmp_path) if found.path.parent == tmp_path} == {"drone", "default"}
