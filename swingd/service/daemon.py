@@ -167,9 +167,10 @@ class Daemon:
             await self._tick_until_stopped()
         finally:
             self._tell_stopping()
-            # From here on a signal does what it does by itself: whoever is in a hurry need not wait for a slow disk.
+            # From here on they do what they do by themselves: whoever is in a hurry need not wait for a slow disk.
             for number in handled:
-                loop.remove_signal_handler(number)
+                if number != signal.SIGHUP:
+                    loop.remove_signal_handler(number)
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -183,6 +184,8 @@ class Daemon:
                 self._status_server.close()
             if self._supervisor is not None:
                 self._supervisor.close()
+            if signal.SIGHUP in handled:
+                loop.remove_signal_handler(signal.SIGHUP)
         summary = self._meter.summary()
         self._log.info("stopped", **_rounded(summary), **self._refusals())
         self._log.close()
@@ -194,6 +197,10 @@ class Daemon:
             self._stop.set()
         self._leaving = True
 
+    def _hang_up(self) -> None:
+        """The terminal is gone; its shell and the kernel each may say so, which is no hurry."""
+        self._leaving = True
+
     def reload(self) -> None:
         """Read the configuration again and take over what can change while it runs."""
         self._reload_asked.set()
@@ -203,7 +210,7 @@ class Daemon:
         actions = {
             signal.SIGINT: self.stop,
             signal.SIGTERM: self.stop,
-            signal.SIGHUP: self.stop if self._reread is None else self.reload,
+            signal.SIGHUP: self._hang_up if self._reread is None else self.reload,
         }
         if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
             # Started by nohup: whoever closes the terminal wants it to go on.

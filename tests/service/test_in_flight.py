@@ -303,6 +303,9 @@ def test_who_closes_the_terminal_ends_it(tmp_path: Path) -> None:
             assert time.monotonic() < end_s
             time.sleep(0.02)
         os.close(terminal)
+        for _ in range(3):  # as a shell and the kernel both do
+            os.kill(pid, signal.SIGHUP)
+            time.sleep(0.02)
         while os.waitpid(pid, os.WNOHANG) == (0, 0):
             assert time.monotonic() < end_s
             time.sleep(0.02)

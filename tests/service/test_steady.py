@@ -39,8 +39,10 @@ class Pilot:
 
     def __call__(self, peer: SimulatedAutopilot) -> None:
         reports = peer.companion.reports
-        if self._steady_s is None and reports and reports[-1].health is Health.ACTIVE:
-            self._steady_s = peer.t_s + 3.0
+        # The autopilot's parameters are read at the wall's pace, whatever that of the flight.
+        read = any(text.startswith("preflight: ") for _, _, text in peer.companion.status_texts)
+        if self._steady_s is None and read and reports[-1].health is Health.ACTIVE:
+            self._steady_s = peer.t_s + 4.0
         if self._steady_s is not None and peer.t_s > self._steady_s + STEADY_S:
             if not self._stopped:  # a second time would not wait for the fade
                 self._daemon.stop()
