@@ -54,26 +54,30 @@ def refusals(engine: Engine, links: Sequence[Link]) -> dict[str, dict[str, int]]
     -------
     dict
         ``drops``: frames and samples by adapter and engine; ``routing``: frames without a way; ``access``: whole frames
-        by link that its key or its systems refuse; ``framing``: by link and kind, what was no frame; ``unsent``: by
-        link, what a peer had no room for; with a pipeline also ``refusals``: inputs by kind, and ``resets``: new
-        beginnings of the estimate by reason.
+        that a link's key or systems refuse; ``framing``: what was no frame, by link; ``unsent``: by link, what nobody
+        was there for or had room for; with a pipeline also ``refusals``: inputs by kind, and ``resets``: new beginnings
+        of the estimate by reason.
     """
-    access = {link.settings.name: link.counters.refused for link in links}
-    framing = {
-        f"{link.settings.name} {kind}": count
-        for link in links
-        for kind, count in (
-            ("garbage_bytes", link.counters.framing.garbage_bytes),
-            ("bad_checksums", link.counters.framing.bad_checksums),
-            ("unknown_flags", link.counters.framing.unknown_flags),
-        )
-    }
+    by_link: dict[str, dict[str, int]] = {"access": {}, "framing": {}, "unsent": {}}
+    for link in links:
+        name, counters, transport = link.settings.name, link.counters, link.transport_counters
+        by_link["access"] |= {
+            f"{name} unsigned": counters.unsigned,
+            f"{name} wrong_signature": counters.wrong_signature,
+            f"{name} old_timestamp": counters.old_timestamp,
+            f"{name} system_not_allowed": counters.system_not_allowed,
+            f"{name} too_many_connections": transport.refused,
+        }
+        by_link["framing"] |= {
+            f"{name} garbage_bytes": counters.framing.garbage_bytes,
+            f"{name} bad_checksums": counters.framing.bad_checksums,
+            f"{name} unknown_flags": counters.framing.unknown_flags,
+        }
+        by_link["unsent"][name] = transport.dropped
     counts = {
         "drops": {drop.value: count for drop, count in (engine.adapter.drops | engine.drops).items()},
         "routing": {refusal.value: count for refusal, count in engine.router.refusals.items()},
-        "access": access,
-        "framing": framing,
-        "unsent": {link.settings.name: link.transport_counters.dropped for link in links},
+        **by_link,
     }
     if engine.has_joined:
         counts["refusals"] = dict(engine.pipeline.refusals)

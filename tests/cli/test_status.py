@@ -25,6 +25,8 @@ from swingd.service.links import Link, settings_of
 from swingd.service.meter import Meter
 from swingd.service.status import StatusServer
 
+pytestmark = pytest.mark.live
+
 SWINGD = [sys.executable, "-m", "swingd"]
 
 
@@ -122,7 +124,6 @@ def test_a_socket_that_nobody_listens_at_is_nobody(folder: Path) -> None:
     assert "no swingd answers" in result.stderr
 
 
-@pytest.mark.live
 def test_watching_goes_on_over_a_restart_until_ctrl_c(folder: Path) -> None:
     watching = subprocess.Popen([*SWINGD, "status", "--watch", "--json"], stdout=subprocess.PIPE, text=True)
     assert watching.stdout is not None

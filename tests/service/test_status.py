@@ -17,12 +17,14 @@ from typing import Any
 
 import pytest
 from link.messages import imu, px4_heartbeat
+from ports import udp_port
 
 from swingd.engine import Engine
 from swingd.link.codec import Encoder, Framer
+from swingd.link.port import Port
 from swingd.link.router import AUTOPILOT
 from swingd.model.actions import Health
-from swingd.model.parameters import Mode, Parameters
+from swingd.model.parameters import Endpoint, Mode, Parameters
 from swingd.service.condition import Standing, condition, health_of, refusals
 from swingd.service.links import Link, settings_of
 from swingd.service.meter import Meter
@@ -36,6 +38,8 @@ from swingd.service.status import (
     runtime_folder,
     sockets,
 )
+
+pytestmark = pytest.mark.live
 
 CONFIGURATION = Path("/etc/swingd/drone.yaml")
 
@@ -290,6 +294,38 @@ def test_before_the_filter_is_there_the_reason_says_so() -> None:
     assert answer["health"] == {"state": "init", "reason": "loading", "for_s": 8.0}
     assert (answer["uptime_s"], answer["autopilot"], answer["inputs"]) == (15.0, None, [])
     assert answer["correction"] == {"on": False, "enabled": True, "withheld_by": ["no filter runs"]}
+
+
+async def test_what_a_link_refuses_is_counted_by_its_reason(tmp_path: Path) -> None:
+    """GIVEN an endpoint for one system with a key WHEN others send to it THEN each refusal has its reason."""
+    key = tmp_path / "key"
+    key.write_text("11" * 32 + "\n", encoding="ascii")
+    key.chmod(0o600)
+    port = udp_port()
+    endpoint = Endpoint(url=f"udpin://127.0.0.1:{port}", key_file=str(key), system_ids=(245,))
+    settings = settings_of(Parameters(endpoints=(endpoint,)))[1]
+    link = Link(settings, lambda *_: None, lambda *_: None, lambda *_: None)
+    await link.open()
+    wrong = Port(bytes(32), 0, frozenset(), time.time)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for data in (
+            b"no frame",
+            Encoder(1, 1).encode(imu(1.0)),
+            Encoder(245, 1).encode(imu(1.0)),
+            wrong.seal(Encoder(245, 1).encode(imu(1.0))),
+        ):
+            sender.sendto(data, ("127.0.0.1", port))
+        async with asyncio.timeout(5.0):
+            while len(refusals(Engine(Parameters()), [link])["access"]) < 3:
+                await asyncio.sleep(0.01)
+    counted = refusals(Engine(Parameters()), [link])
+    await link.close()
+    assert counted["access"] == {
+        "endpoint 1 system_not_allowed": 1,
+        "endpoint 1 unsigned": 1,
+        "endpoint 1 wrong_signature": 1,
+    }
+    assert counted["framing"] == {"endpoint 1 garbage_bytes": len(b"no frame")}
 
 
 def test_a_pipeline_that_failed_is_a_fault_with_its_reason() -> None:
