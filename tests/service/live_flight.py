@@ -67,9 +67,11 @@ class LiveFlight:
     ----------
     speed : float
         Simulated over real time.
+    folder : Path, optional
+        Where every daemon records its flight, see `record`.
     """
 
-    def __init__(self, speed: float = 1.0) -> None:
+    def __init__(self, speed: float = 1.0, folder: Path | None = None) -> None:
         self.autopilot_port = udp_port()
         self.application = Application()
         base = Parameters()
@@ -93,6 +95,10 @@ class LiveFlight:
         self.folders: tuple[Path, ...] = ()
         """Where the daemon's status socket is looked for, besides the usual places."""
         self.daemon: Daemon | None = None
+        self.record: Path | None = None
+        """What the present daemon records to."""
+        self._folder = folder
+        self._starts = 0
         self._log: list[bytes] = []
         self._parameters = parameters
         self._setpoints = 0
@@ -107,7 +113,7 @@ class LiveFlight:
                 asyncio.create_task(run_simulation(self._parameters, peer=self.peer, on_step=self._watch)),
                 asyncio.create_task(self.application.hover()),
             ]
-            while not self._ended.is_set():
+            while not self._ended.is_set() and not any(task.done() for task in tasks):
                 await asyncio.sleep(0.02)
             for task in tasks:
                 task.cancel()
@@ -148,9 +154,14 @@ class LiveFlight:
         """Start ``swingd run``, or another command that becomes it, without a terminal as a service has none."""
 
         def limit() -> None:
-            if file_bytes_max is not None:
-                resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes_max, file_bytes_max))
+            assert file_bytes_max is not None
+            resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes_max, file_bytes_max))
 
+        self._starts += 1
+        self.record = None
+        if self._folder is not None and "--record" not in options:
+            self.record = self._folder / f"{self._starts}.swingd"
+            options = (*options, "--record", str(self.record))
         read, write = os.pipe()
         self._pump(read)
         self.daemon = subprocess.Popen(
@@ -159,7 +170,8 @@ class LiveFlight:
             stdin=subprocess.DEVNULL,
             start_new_session=True,
             env=os.environ | (environment or {}),
-            preexec_fn=limit,
+            # Between fork and exec of a process with threads as little as can be.
+            preexec_fn=None if file_bytes_max is None else limit,
         )
         os.close(write)
         return self.daemon
@@ -193,6 +205,7 @@ class LiveFlight:
         while not condition():
             last = [line["event"] for line in self.lines][-10:]
             assert time.monotonic() < end_s, last
+            assert self._thread.is_alive(), "the simulation has ended"
             assert self.daemon is None or self.daemon.poll() is None or last[-1:] == ["stopped"], self._log
             time.sleep(0.01)
 
@@ -249,9 +262,9 @@ class LiveFlight:
 
 
 @contextlib.contextmanager
-def live_flight(speed: float = 1.0) -> Iterator[LiveFlight]:
+def live_flight(speed: float = 1.0, folder: Path | None = None) -> Iterator[LiveFlight]:
     """Fly; at the end everything is stopped."""
-    flight = LiveFlight(speed)
+    flight = LiveFlight(speed, folder)
     try:
         yield flight
     finally:

@@ -15,7 +15,9 @@ import pytest
 from ports import tcp_port
 from pymavlink.dialects.v20 import common as mavlink
 
+from swingd.config.loader import parameters_from_json
 from swingd.link.codec import Encoder, Framer
+from swingd.replay import replay
 from swingd.service.daemon import HAND_BACK_SPARE_S
 from swingd.service.status import ask, sockets
 from swingd.sim.autopilot import NavState
@@ -57,8 +59,8 @@ def configuration(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def _flight() -> Iterator[LiveFlight]:
-    with live_flight() as flight:
+def _flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveFlight]:
+    with live_flight(folder=tmp_path_factory.mktemp("records")) as flight:
         yield flight
 
 
@@ -164,12 +166,19 @@ def test_a_kill_leaves_a_short_gap_and_no_mode(flight: LiveFlight, configuration
     assert gap_s < 0.9
     assert flight.modes == {NavState.OFFBOARD}
     flight.until(lambda: len([found for found in sockets() if found.name == "drone"]) == 1)
-    assert flight.status()["health"]["state"] == "active", "the socket that was left behind is gone"
+    flight.until(lambda: flight.status()["health"]["state"] == "active")
 
 
-def test_sigterm_fades_and_hands_back_before_it_ends(flight: LiveFlight) -> None:
+def test_sigterm_fades_and_hands_back_before_it_ends_and_its_record_is_whole(
+    flight: LiveFlight, configuration: Path
+) -> None:
     """GIVEN the correction acting WHEN SIGTERM comes THEN the application's own setpoints leave last, and it ends."""
     assert flight.daemon is not None
+    assert flight.record is not None
+    configuration.write_text(CONFIGURATION.replace("}", ", damping_ratio: 0.4}"), encoding="utf-8")
+    flight.daemon.send_signal(signal.SIGHUP)
+    flight.until(lambda: any("read again" in line["event"] for line in flight.lines))
+    flight.until_correcting()
     begun_s = time.monotonic()
     flight.daemon.send_signal(signal.SIGTERM)
     assert flight.daemon.wait(10.0) == 0
@@ -183,6 +192,9 @@ def test_sigterm_fades_and_hands_back_before_it_ends(flight: LiveFlight) -> None
     assert flight.modes == {NavState.OFFBOARD}
     assert "swingd ends: nothing passes through it any more" in heard(flight)
     assert not sockets()
+    run = replay(flight.record, None, parameters_from_json)
+    assert run.frames_sent > 300
+    assert run.frames_differing == 0, run.first_difference
 
 
 def test_a_second_sigterm_does_not_wait_for_the_fade(flight: LiveFlight) -> None:
