@@ -13,17 +13,17 @@ LIFTED_SHARE = 0.5
 LIFTED_FOR_S = 0.15
 LOST_SHARE = 0.6
 """Share of what hangs by which the thrust must fall to count as having lost it: released, set down."""
-LOST_FOR_S = 0.3
+LOST_FOR_S = 0.4
 APPARENT_TIME_CONSTANT_S = 0.1
 APPARENT_ATTACHED_TIME_CONSTANT_S = 0.3
 """Slower while the load hangs: a manoeuvre must not look like a release."""
-LEVEL_TIME_CONSTANT_S = 5.0
+LEVEL_TIME_CONSTANT_S = 3.0
 """Of the level against which rises and falls are judged: the thrust curve's error drifts with the battery."""
 CLIMBING_S = 0.4
 """Of climbing with a slack cable, to know what the thrust curve's error feigns."""
 CLIMB_MPS = 0.2
 SETTLE_S = 2.0
-"""The level without the load is followed faster for this long after a loss, and whenever the vehicle climbs."""
+"""For this long after a lift it is seen how much hangs; after a loss, the level without it is followed faster."""
 SETTLING_TIME_CONSTANT_S = 0.5
 SILENT_AFTER_S = 5.0
 """In the air for this long without a rise, where no take-off was watched that would have shown it, it may hang."""
@@ -206,8 +206,10 @@ class PayloadWatch:
         self._level_kg += dt_s / (dt_s + LEVEL_TIME_CONSTANT_S) * (apparent_kg - self._level_kg)
         fallen_kg = self._level_kg - apparent_kg
         self._attached_s += dt_s
-        if self._attached_s < 2.0 * LEVEL_TIME_CONSTANT_S:
-            self._hanging_kg = max(self._level_kg - self._empty_kg, LIFTED_SHARE * self._payload_mass_kg)
+        if self._attached_s < SETTLE_S:
+            blend = dt_s / (dt_s + SETTLING_TIME_CONSTANT_S)
+            self._hanging_kg += blend * (apparent_kg - self._empty_kg - self._hanging_kg)
+            self._hanging_kg = max(self._hanging_kg, LIFTED_SHARE * self._payload_mass_kg)
         self._doubt_s = self._doubt_s + dt_s if fallen_kg > LOST_SHARE * self._hanging_kg else 0.0
         if self._doubt_s <= LOST_FOR_S:
             return None

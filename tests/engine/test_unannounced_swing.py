@@ -91,9 +91,9 @@ def test_a_released_load_ends_estimate_and_correction(hovering: Callable[[], Fli
     flight = hovering()
     flight.peer.plant.release()
     flight.run(1.5)
-    assert flight.engine.pipeline._payload.state is PayloadState.SLACK
+    assert flight.engine.pipeline._payload.state is PayloadState.RELEASED
     assert flight.health is Health.INIT
     assert flight.reports[-1].correction_acc_ned_mps2 == (0.0, 0.0, 0.0)
     flight.run(10.0)
-    assert flight.engine.pipeline._payload.state is PayloadState.SLACK
+    assert flight.engine.pipeline._payload.state is PayloadState.RELEASED
     assert abs(flight.reports[-1].thrust_scale - 1.0) < 0.02, "the calibration did not swallow the load"
