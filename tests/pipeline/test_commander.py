@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from swingd.control.base import Vec2
 from swingd.model.actions import Action, Health, PassSetpoint, Setpoint, StatusText
 from swingd.model.events import (
     AppSetpoint,
@@ -21,10 +22,12 @@ from swingd.model.events import (
 )
 from swingd.model.parameters import Mode, Parameters
 from swingd.pipeline.commander import APPLICATION_FOR_S, STEADY_S, STREAM_LOST_S, TEXT_EVERY_S, Commander, Situation
+from swingd.pipeline.correction import turn
 from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S, Evidence
 from swingd.pipeline.payload_state import PayloadState
 
 DT_S = 0.01
+YAW_RAD, LEVEL_YAW_RAD = 0.3, 0.1
 PX4, COPTER = AutopilotKind.PX4, AutopilotKind.ARDUPILOT
 APP, OTHER = 0x01FF42, 0x02FF42
 VELOCITY = SetpointUse.VEL | SetpointUse.YAW
@@ -93,16 +96,28 @@ class Bench:
             "evidence": GOOD,
             "health": Health.READY,
             "taking_off": False,
-            "tilt_acc_mps2": (0.0, 0.0),
+            "tilt_acc_mps2": self._followed(),
             "direction": (0.1, -0.05),
             "direction_rate_per_s": (0.2, 0.1),
         }
         setpoint = self.commander.step(
-            Situation(t_boot_s=self.t_s, dt_s=DT_S, yaw_rad=0.3, level_yaw_rad=0.1, **{**usual, **self.situation})
+            Situation(
+                t_boot_s=self.t_s,
+                dt_s=DT_S,
+                yaw_rad=YAW_RAD,
+                level_yaw_rad=LEVEL_YAW_RAD,
+                **{**usual, **self.situation},
+            )
         )
         if setpoint is not None:
             self.sent.append((self.t_s, setpoint))
         return setpoint
+
+    def _followed(self) -> Vec2:
+        """The tilt of a vehicle that follows the pushes by the autopilot's velocity loop, in the level frame."""
+        push, p = self.commander.push, self.parameters.autopilot.velocity_p
+        north, east = (acc + p * vel for acc, vel in zip(push.acc_mps2, push.vel_mps, strict=True))
+        return turn((north, east), LEVEL_YAW_RAD - YAW_RAD)
 
     def run(self, duration_s: float) -> "Bench":
         """Let time pass, with the application's setpoints at its rate, and forget what was sent before."""
@@ -447,8 +462,8 @@ def test_near_the_ground_nothing_is_corrected() -> None:
     for height_m, corrected in ((0.9, False), (1.1, True), (0.9, False), (30.0, True)):
         at_height(at_height(bench, height_m), height_m)
         assert bool(bench.sent) is corrected, height_m
-    bench.run(2.0)
-    assert not bench.sent, "a height that is not known any more is none"
+    assert bench.run(2.0).sent, "and fades"
+    assert not bench.run(0.5).sent, "a height that is not known any more is none"
 
 
 def test_the_height_counts_from_where_the_vehicle_was_armed() -> None:
