@@ -7,7 +7,7 @@ Three signs of a correction that does harm, each judged while it is in the setpo
   explain it. That is known from a twin: the pendulum below a vehicle that follows the application's reference alone.
 - **It sits at a limit** for a whole period: what is asked for is not what is given.
 - **The vehicle does not follow it.** By a regression of the tilt of the thrust on the correction, both after the
-  autopilot's velocity loop and without their slow parts, the vehicle answers a push with g times it. g is near 1; where
+  autopilot's velocity loop and up to a constant, the vehicle answers a push with g times it. g is near 1; where
   it is surely below `GAIN_MIN`, as with a reversed axis, the correction is not what moves the vehicle.
 """
 
@@ -105,9 +105,8 @@ class DampingWatch:
         self._peaks: deque[tuple[float, float]] = deque(maxlen=HALF_PERIODS + 1)
         self._peak, self._twin_peak, self._peak_s = 0.0, 0.0, 0.0
         self._limited_s = 0.0
-        self._asked = _Lag()
-        self._pushed = _Lag()
-        self._slow = _Slow(self._period_s)
+        self._asked: _Lag | None = None
+        self._pushed = _Lag(_ZERO)
         self._answers = (_Answer(), _Answer())
 
     def update(self, motion: Motion) -> None:
@@ -151,12 +150,13 @@ class DampingWatch:
             p = self._velocity_p
             asked = _sum(asked, _scaled(p, _sum(motion.vel_ref_mps, _scaled(-1.0, motion.vel_mps))))
             pushed = _sum(pushed, _scaled(p, motion.push.vel_mps))
+        if self._asked is None:
+            # The vehicle has been following the reference before there was a correction.
+            self._asked = _Lag(asked)
         expected = self._pushed.step(pushed, self._bandwidth, motion.dt_s)
         reference = self._asked.step(asked, self._bandwidth, motion.dt_s)
         rest = _sum(motion.tilt_acc_mps2, _scaled(-1.0, reference))
-        expected, rest, reference = (
-            turn(vector, -motion.heading_rad) for vector in self._slow.without((expected, rest, reference), motion.dt_s)
-        )
+        expected, rest, reference = (turn(v, -motion.heading_rad) for v in (expected, rest, reference))
         gains = [
             answer.update(e, r, known, motion.dt_s, self._period_s)
             for answer, e, r, known in zip(self._answers, expected, rest, reference, strict=True)
@@ -171,7 +171,7 @@ class _Twin:
         # It begins with the swing that there is, and with the vehicle as it flies.
         self._load, self._rate = motion.load_m, motion.load_rate_mps
         self._vel = motion.vel_mps
-        self._tilt = _Lag()
+        self._tilt = _Lag(motion.tilt_acc_mps2)
 
     def step(self, motion: Motion, omega: float, damping: float, velocity_p: float, bandwidth: float) -> float:
         """Advance by one step; return the speed amplitude of its swing [m/s]."""
@@ -192,8 +192,8 @@ class _Twin:
 class _Lag:
     """The attitude loop: second order, both axes; semi-implicit Euler, stable for steps far below its period."""
 
-    def __init__(self) -> None:
-        self._value: Vec2 = _ZERO
+    def __init__(self, value: Vec2) -> None:
+        self._value = value
         self._rate: Vec2 = _ZERO
 
     def step(self, target: Vec2, omega: float, dt_s: float) -> Vec2:
@@ -205,49 +205,48 @@ class _Lag:
         return self._value
 
 
-class _Slow:
-    """Takes the slow parts out of signals: wind, trim, and what the autopilot's integrator makes of them."""
-
-    def __init__(self, time_constant_s: float) -> None:
-        self._time_constant_s = time_constant_s
-        self._means: list[Vec2] | None = None
-
-    def without(self, signals: tuple[Vec2, ...], dt_s: float) -> list[Vec2]:
-        if self._means is None:
-            self._means = list(signals)
-        blend = dt_s / (dt_s + self._time_constant_s)
-        self._means = [
-            _sum(mean, _scaled(blend, _sum(signal, _scaled(-1.0, mean))))
-            for mean, signal in zip(self._means, signals, strict=True)
-        ]
-        return [_sum(signal, _scaled(-1.0, mean)) for mean, signal in zip(self._means, signals, strict=True)]
-
-
 class _Answer:
-    """Weighted regression of what the tilt does beyond the reference on what the correction should make it do."""
+    """Weighted regression of what the tilt does beyond the reference on what the correction should make it do.
+
+    Its constant takes what is slow: wind, trim, and what the autopilot's integrator makes of them.
+    """
 
     def __init__(self) -> None:
         self._count = 0.0
-        self._xx = 0.0
-        self._xy = 0.0
-        self._yy = 0.0
+        self._w = self._wx = self._wy = 0.0
+        self._wxx = self._wxy = self._wyy = 0.0
 
-    def update(self, expected: float, rest: float, reference: float, dt_s: float, memory_s: float) -> float | None:
-        """Take one step; return the gain if it is surely below `GAIN_MIN`."""
+    def update(self, x: float, y: float, reference: float, dt_s: float, memory_s: float) -> float | None:
+        """Take one step; return the gain if it is surely below `GAIN_MIN`.
+
+        Parameters
+        ----------
+        x, y : float
+            What the correction should make the tilt do, and what it does beyond the reference [m/s^2].
+        reference : float
+            What the reference should make it do [m/s^2].
+        dt_s, memory_s : float
+            Step, and the time constant by which older steps are forgotten [s].
+        """
         kept = math.exp(-dt_s / memory_s)
-        variance = ANSWER_NOISE_MPS2**2 + (ANSWER_MODEL_SHARE * reference) ** 2
-        weight = dt_s / (ANSWER_CORRELATION_S * variance)
+        weight = dt_s / (ANSWER_CORRELATION_S * (ANSWER_NOISE_MPS2**2 + (ANSWER_MODEL_SHARE * reference) ** 2))
         self._count = kept * self._count + dt_s / ANSWER_CORRELATION_S
-        self._xx = kept * self._xx + weight * expected * expected
-        self._xy = kept * self._xy + weight * expected * rest
-        self._yy = kept * self._yy + weight * rest * rest
-        if not GAIN_MIN * self._xx > self._xy > GAIN_PLAUSIBLE * self._xx or self._count < ANSWERS_MIN:
+        self._w = kept * self._w + weight
+        self._wx = kept * self._wx + weight * x
+        self._wy = kept * self._wy + weight * y
+        self._wxx = kept * self._wxx + weight * x * x
+        self._wxy = kept * self._wxy + weight * x * y
+        self._wyy = kept * self._wyy + weight * y * y
+        xx = self._wxx - self._wx * self._wx / self._w
+        xy = self._wxy - self._wx * self._wy / self._w
+        yy = self._wyy - self._wy * self._wy / self._w
+        if not GAIN_MIN * xx > xy > GAIN_PLAUSIBLE * xx or self._count < ANSWERS_MIN:
             return None
         # Where the rest is larger than the noise and no gain makes it fit, the model is to blame and not the vehicle.
-        misfit = max(1.0, (self._yy - self._xy * self._xy / self._xx) / self._count)
-        if self._xy + GAIN_DEVIATIONS * math.sqrt(misfit * self._xx) >= GAIN_MIN * self._xx:
+        misfit = max(1.0, (yy - xy * xy / xx) / self._count)
+        if xy + GAIN_DEVIATIONS * math.sqrt(misfit * xx) >= GAIN_MIN * xx:
             return None
-        return self._xy / self._xx
+        return xy / xx
 
 
 def _speed_amplitude(load_m: Vec2, load_rate_mps: Vec2, omega: float) -> float:

@@ -706,7 +706,7 @@ def test_json_problems_name_the_keys() -> None:
         parameters_from_json('{"payload": {"mass_kg": NaN, "x": 1}, "mode": "no", "endpoints": [{"shaper": 1}, 2]}')
     assert str(caught.value) == (
         "parameters: 5 problems\n"
-        "  payload.x: no such key; expected one of mass_kg\n"
+        "  payload.x: no such key; expected one of mass_kg, estimate_mass\n"
         "  endpoints.2: 2 given; expected a group of keys, such as {url: udpin://127.0.0.1:14541}\n"
         "  mode: 'no' given; expected one of shadow, hold, inline\n"
         "  payload.mass_kg: nan given; expected a number from 0.005 to 2000 kg\n"
