@@ -1,6 +1,7 @@
 """The order of the stages: one event in, the actions it causes out."""
 
 import math
+from collections import Counter
 from dataclasses import replace
 from operator import attrgetter
 
@@ -97,6 +98,7 @@ class Pipeline:
         self._law_told = False
         self._distrust_told = ""
         self._attitude = AttitudeTracker()
+        self._refusals: Counter[str] = Counter()
         self._build()
 
     def _build(self) -> None:
@@ -156,8 +158,10 @@ class Pipeline:
 
     @property
     def refusals(self) -> dict[str, int]:
-        """How often an input was not used, by what it was."""
-        return {"voltage": self._thrust.refused_voltages, "reference": self._commander.refused_references}
+        """How often an input was not used, by what it was: ``imu`` (not finite, not newer), ``voltage`` (implausible),
+        ``no_attitude`` (filter steps without a fresh one), ``gated`` (measurements beyond `nis_gate`), ``reference``.
+        """
+        return {**self._refusals, "reference": self._commander.refused_references}
 
     @property
     def resets(self) -> dict[ResetReason, int]:
@@ -211,6 +215,9 @@ class Pipeline:
         match event:
             case Imu():
                 self._streams.arrived(Stream.IMU, event.t_mono_s)
+                if not self._sampler.accepts(event):
+                    self._refusals["imu"] += 1
+                    return []
                 interval = self._sampler.add(event)
                 if interval is None:
                     return []
@@ -235,7 +242,8 @@ class Pipeline:
                 self._commander.add_position(event)
             case Battery():
                 self._streams.arrived(Stream.BATTERY, event.t_mono_s)
-                self._thrust.add_battery(event)
+                if not self._thrust.add_battery(event):
+                    self._refusals["voltage"] += 1
             case Tick():
                 return self._tick()
             case AppSetpoint():
@@ -292,7 +300,9 @@ class Pipeline:
         estimated_from = attrgetter(*ESTIMATED_FROM)
         if estimated_from(before) == estimated_from(parameters):
             return [StatusText(Severity.NOTICE, "parameters changed")]
+        resets = self._estimator.resets
         self._build()
+        self._estimator.resets.update(resets)
         return [StatusText(Severity.NOTICE, "parameters changed, the estimate begins anew")]
 
     # ---- estimate
@@ -301,6 +311,7 @@ class Pipeline:
         tilt = self._attitude.at(interval)
         if tilt is None:
             # Without an attitude the samples say nothing, but the time has passed.
+            self._refusals["no_attitude"] += 1
             self._blind_s += interval.dt_s
             return []
         if self._blind_s > 0.0:
@@ -395,7 +406,10 @@ class Pipeline:
         if interval.missing_s > 0.0:
             self._estimator.coast(self._force, interval.missing_s)
             dt_s -= interval.missing_s
-        if self._estimator.step(self._force, self._acc_hook, dt_s) not in (Status.OK, Status.GATED):
+        status = self._estimator.step(self._force, self._acc_hook, dt_s)
+        if status is Status.GATED:
+            self._refusals["gated"] += 1
+        elif status is not Status.OK:
             self._health.reset(self._t_mono_s, fault=True)
         self._estimate = self._estimator.estimate()
 

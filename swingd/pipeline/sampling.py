@@ -74,19 +74,21 @@ class ImuSampler:
         self._last_stamp_s = self._end_s = self._due_s = math.nan
         self._gyro_rate[:] = 0.0
 
+    def accepts(self, imu: Imu) -> bool:
+        """Whether a sample is finite and newer than the last one."""
+        if not math.isfinite(imu.t_boot_s + sum(imu.acc_frd_mps2) + sum(imu.gyro_frd_radps)):
+            return False
+        return not imu.t_boot_s <= self._last_stamp_s
+
     def add(self, imu: Imu) -> ImuInterval | None:
-        """Take one sample; return the interval that it completes. A stamp that does not advance is left out."""
+        """Take one sample that `accepts` agrees to; return the interval that it completes."""
         stamp_s = imu.t_boot_s
-        if not math.isfinite(stamp_s + sum(imu.acc_frd_mps2) + sum(imu.gyro_frd_radps)):
-            return None
         if math.isnan(self._end_s):
             self._end_s = self._last_stamp_s = stamp_s
             self._due_s = stamp_s + self._period_s
             self._gyro[:] = imu.gyro_frd_radps
             return None
         spacing_s = stamp_s - self._last_stamp_s
-        if not spacing_s > 0.0:
-            return None
         self._last_stamp_s = stamp_s
         self._sample_s += 0.05 * (min(spacing_s, self._period_s) - self._sample_s)
         if spacing_s > GAP_SHARE * self._typical_s:

@@ -81,8 +81,6 @@ class ThrustModel:
         self._t_voltage_s = 0.0
         self.compensated = False
         """The autopilot scales its outputs with the voltage: the throttle then means thrust, the outputs do not."""
-        self.refused_voltages = 0
-        """Readings outside of ``voltage_min_v`` .. ``voltage_max_v``."""
 
     @property
     def voltage_v(self) -> float:
@@ -103,11 +101,10 @@ class ThrustModel:
         """Take a commanded throttle."""
         self._throttle.add(throttle.t_boot_s, (throttle.throttle,))
 
-    def add_battery(self, battery: Battery) -> None:
-        """Take a voltage; implausible ones are counted and left out."""
+    def add_battery(self, battery: Battery) -> bool:
+        """Take a voltage; return whether it was taken: it must be within ``voltage_min_v`` .. ``voltage_max_v``."""
         if not self._thrust.voltage_min_v <= battery.voltage_v <= self._thrust.voltage_max_v:
-            self.refused_voltages += 1
-            return
+            return False
         dt_s, self._t_voltage_s = battery.t_mono_s - self._t_voltage_s, battery.t_mono_s
         if math.isnan(self._voltage_v):
             self._voltage_v = battery.voltage_v
@@ -116,6 +113,7 @@ class ThrustModel:
             self._voltage_v += (1.0 - math.exp(-max(dt_s, 0.0) / max(tau_s, 1e-6))) * (
                 battery.voltage_v - self._voltage_v
             )
+        return True
 
     def source(self, t_boot_s: float) -> ThrustSource:
         """Return the best source at this instant that the configuration allows."""
