@@ -143,11 +143,15 @@ def test_the_estimate_is_judged_by_axis_and_only_around_the_manoeuvres() -> None
     bias = np.radians(np.where(times < BEGIN_S - 5.0, 50.0, 0.4))
     zeta = decaying(times - BEGIN_S) + 0.5 * bias
     flown = Flown(
-        "1", [step()], [(t, b, z) for t, b, z in zip(times, bias, zeta, strict=True)], [(0.0, 0.0), (40.0, 50.0)]
+        "1",
+        [step()],
+        [(t, b, z, 0.1 if t < BEGIN_S else 0.7) for t, b, z in zip(times, bias, zeta, strict=True)],
+        [(0.0, 0.0), (40.0, 50.0)],
     )
     found = judge_flight(truth(decaying), flown, DAEMON)
     assert found.xi_rmse_deg == pytest.approx(0.4, rel=0.01)
     assert found.zeta_rmse_deg == pytest.approx(0.2, rel=0.02)
+    assert found.correction_mps2 == 0.7
     assert found.filter_hz == 100.0
 
 
@@ -170,7 +174,7 @@ def flight(correction: Correction, swing_deg: float, *, settle_s: float = 2.0, v
     )
     times = swing.t_boot_s[::5]
     flown = Flown(
-        "1.16.0", [step((BEGIN_S, 3.0, 0.0, 0.0))], [(t, *swing.angles_rad[:, 5 * i]) for i, t in enumerate(times)]
+        "1.16.0", [step((BEGIN_S, 3.0, 0.0, 0.0))], [(t, *swing.angles_rad[:, 5 * i], 0.0) for i, t in enumerate(times)]
     )
     flown.clock = [(t, t) for t in times]
     figures = judge_flight(swing, flown, DAEMON)

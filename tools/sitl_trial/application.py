@@ -7,6 +7,7 @@ behind the wall clock, and a manoeuvre must not change with it.
 import asyncio
 import contextlib
 import json
+import math
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from functools import partial
@@ -38,7 +39,9 @@ ENTER_S = 5.0
 STALL_S = 30.0
 """Wall clock without an attitude: the autopilot or the simulation has died."""
 _TURN_PERIOD_S = 0.05
-_ESTIMATE = (FIELDS.index("xi_rad"), FIELDS.index("zeta_rad"), FIELDS.index("health"))
+_ESTIMATE = tuple(
+    FIELDS.index(name) for name in ("xi_rad", "zeta_rad", "correction_acc_n_mps2", "correction_acc_e_mps2", "health")
+)
 _READY = (HEALTH_CODES[Health.READY], HEALTH_CODES[Health.ACTIVE])
 
 Say = Callable[[str, float], None]
@@ -111,6 +114,8 @@ async def fly(
             async with _Pilot.of(system) as pilot:
                 await pilot.prepare(parameters)
                 await pilot.take_off(scenario.height_m, say)
+                if scenario.hooked:
+                    await pilot.wait_for_swingd()
                 await pilot.manoeuvres(manoeuvres, say)
                 return pilot.flown
     except MavsdkError as error:
@@ -152,8 +157,8 @@ class _Pilot:
             fields = json.loads(message.fields_json)
             if fields["name"].rstrip("\0") != NAME:
                 continue
-            xi, zeta, self._health = (fields["data"][i] for i in _ESTIMATE)
-            self.flown.estimate.append((1e-6 * fields["time_usec"], xi, zeta))
+            xi, zeta, acc_n, acc_e, self._health = (fields["data"][i] for i in _ESTIMATE)
+            self.flown.estimate.append((1e-6 * fields["time_usec"], xi, zeta, math.hypot(acc_n, acc_e)))
 
     async def _patiently(self, what: str, limit_s: float, attempt: Callable[[], Awaitable[None]]) -> None:
         """Try until it works or `limit_s` of the autopilot's time are over."""
@@ -176,6 +181,8 @@ class _Pilot:
         version = await self._info.get_version()
         self.flown.version = f"{version.flight_sw_major}.{version.flight_sw_minor}.{version.flight_sw_patch}"
         say("arming", 0.0)
+        # MAVSDK adds the altitude of home to that of the take-off: 0 where it is not known yet.
+        await self._home()
         await self._action.set_takeoff_altitude(height_m)
         await self._patiently("arming and take-off", ARMING_S, self._arm_and_take_off)
         say("take-off", 0.0)
@@ -186,11 +193,23 @@ class _Pilot:
                 raise TrialError(f"not at {height_m:g} m within {CLIMB_S:g} s of take-off")
             await self.clock.sleep(0.1)
         await self.clock.sleep(SETTLE_S)
+
+    async def wait_for_swingd(self) -> None:
+        """Return when its estimate is ready."""
         end_s = self.clock.t_s + READY_S
         while self._health not in _READY:
             if self.clock.t_s > end_s:
                 raise TrialError(f"swingd not ready within {READY_S:g} s of hover, health code {self._health:g}")
             await self.clock.sleep(0.1)
+
+    async def _home(self) -> None:
+        """Return when the autopilot has told its home."""
+        try:
+            async with asyncio.timeout(ARMING_S):
+                async for _ in self._telemetry.subscribe_home():
+                    return
+        except TimeoutError:
+            raise TrialError(f"the autopilot told no home within {ARMING_S:g} s") from None
 
     async def _arm_and_take_off(self) -> None:
         """In one go: a Copter arms before it knows where it is, takes off only then, and disarms meanwhile."""

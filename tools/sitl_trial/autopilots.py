@@ -20,6 +20,11 @@ HOME_M = 584
 """Altitude at which ArduPilot's SITL begins."""
 
 
+def console_port(instance: int) -> int:
+    """Where the physics of an instance takes text commands."""
+    return 15740 + instance
+
+
 class Autopilot(Protocol):
     """One binary, started anew for each flight."""
 
@@ -66,7 +71,7 @@ class Simulated:
         return f"udpin://127.0.0.1:{14740 + instance}"
 
     def ports(self, instance: int) -> Ports:
-        return [(socket.SOCK_DGRAM, 14740 + instance)]
+        return [(socket.SOCK_STREAM, console_port(instance)), (socket.SOCK_DGRAM, 14740 + instance)]
 
     def command(self, instance: int, folder: Path, scenario: Scenario) -> Command | None:
         return None
@@ -76,7 +81,7 @@ class Simulated:
 
     def physics(self, instance: int, scenario: Scenario, files: Files) -> Command | None:
         link = ("--mavlink", f"udpout://127.0.0.1:{14740 + instance}", "--set", "simulation.mavlink_bind_port=0")
-        return [sys.executable, "-m", "swingd", "sim", *link, "-c", files.config, "--truth", files.truth]
+        return _swingd_sim(link, instance, files)
 
     def companion(self, instance: int, scenario: Scenario) -> Coroutine[object, object, None] | None:
         return None
@@ -97,7 +102,11 @@ class Px4:
 
     def ports(self, instance: int) -> Ports:
         datagrams = (14540, 14580, 14280, 13030, 18570)
-        return [(socket.SOCK_STREAM, 4560 + instance), *((socket.SOCK_DGRAM, port + instance) for port in datagrams)]
+        streams = (4560 + instance, console_port(instance))
+        return [
+            *((socket.SOCK_STREAM, port) for port in streams),
+            *((socket.SOCK_DGRAM, port + instance) for port in datagrams),
+        ]
 
     def command(self, instance: int, folder: Path, scenario: Scenario) -> Command:
         return [self.binary, "-i", str(instance), "-d", "-w", folder, self.binary.parent.parent / "etc"]
@@ -106,7 +115,7 @@ class Px4:
         return {"PX4_SIM_MODEL": "none_iris"}
 
     def physics(self, instance: int, scenario: Scenario, files: Files) -> Command | None:
-        return _swingd_sim("px4", instance, files)
+        return _swingd_sim(_hil("px4", instance), instance, files)
 
     def companion(self, instance: int, scenario: Scenario) -> Coroutine[object, object, None] | None:
         return None
@@ -130,6 +139,7 @@ class Copter:
     def ports(self, instance: int) -> Ports:
         streams, datagrams = (5760, 5762, 5763), (9002, 5501)
         return [
+            (socket.SOCK_STREAM, console_port(instance)),
             *((socket.SOCK_STREAM, port + 10 * instance) for port in streams),
             *((socket.SOCK_DGRAM, port + 10 * instance) for port in datagrams),
         ]
@@ -152,7 +162,7 @@ class Copter:
         return {}
 
     def physics(self, instance: int, scenario: Scenario, files: Files) -> Command | None:
-        return None if scenario.built_in else _swingd_sim("ardupilot", instance, files)
+        return None if scenario.built_in else _swingd_sim(_hil("ardupilot", instance), instance, files)
 
     def companion(self, instance: int, scenario: Scenario) -> Coroutine[object, object, None] | None:
         return serve_flat_terrain(5762 + 10 * instance, HOME_M) if scenario.built_in else None
@@ -162,6 +172,10 @@ class Copter:
             write_truth(folder / "logs", files.truth)
 
 
-def _swingd_sim(name: str, instance: int, files: Files) -> Command:
-    hil = ("--hil", name, "--instance", str(instance))
-    return [sys.executable, "-m", "swingd", "sim", *hil, "-c", files.config, "--truth", files.truth]
+def _hil(name: str, instance: int) -> tuple[str, ...]:
+    return "--hil", name, "--instance", str(instance)
+
+
+def _swingd_sim(link: tuple[str, ...], instance: int, files: Files) -> Command:
+    console = ("--console", str(console_port(instance)))
+    return [sys.executable, "-m", "swingd", "sim", *link, *console, "-c", files.config, "--truth", files.truth]

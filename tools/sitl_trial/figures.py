@@ -56,6 +56,8 @@ class FlightFigures:
     """Published against true lateral angle, from 5 s before the first command to the end."""
     zeta_rmse_deg: float
     """Longitudinal."""
+    correction_mps2: float
+    """Largest acceleration that was added to a setpoint over the same time."""
     filter_hz: float
     latency_ms_p99: float | None
     """IMU frame received to setpoint sent."""
@@ -121,7 +123,7 @@ def judge_flight(truth: Truth, flown: Flown, daemon: dict[str, float | None]) ->
     if not flown.steps:
         raise TrialError("nothing was commanded")
     begin_s, end_s = flown.steps[0].t_boot_s, flown.steps[-1].t_end_s
-    estimate = np.array(flown.estimate).reshape(-1, 3).T
+    estimate = np.array(flown.estimate).reshape(-1, 4).T
     used = (estimate[0] >= begin_s - ESTIMATE_LEAD_S) & (estimate[0] <= end_s)
     if not used.any():
         raise TrialError(f"no estimate arrived between {begin_s:.1f} and {end_s:.1f} s of the autopilot's clock")
@@ -131,6 +133,7 @@ def judge_flight(truth: Truth, flown: Flown, daemon: dict[str, float | None]) ->
     return FlightFigures(
         xi_rmse_deg=math.degrees(_rms(errors[0])),
         zeta_rmse_deg=math.degrees(_rms(errors[1])),
+        correction_mps2=float(estimate[3, used].max()),
         filter_hz=daemon["filter_hz"] or 0.0,
         latency_ms_p99=daemon["latency_ms_p99"],
         real_time=real_time,

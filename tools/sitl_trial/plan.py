@@ -93,6 +93,8 @@ class Asked:
     stop_settle_s: float | None = None
     """Of the last command of a manoeuvre alone."""
     stop_rms_ratio: float | None = None
+    correction_mps2: float | None = None
+    """Largest acceleration that is added to a setpoint; of a flight in which nothing is to be damped."""
 
 
 STILL_AIR = Asked(estimate_rmse_deg=0.6)
@@ -100,6 +102,7 @@ WINDY = Asked(estimate_rmse_deg=1.4)
 BASE = Asked(
     settle_s=2.5, rms_ratio=0.45, rms_ratio_shaped=0.35, velocity_ratio=1.4, altitude_m=0.3, estimate_rmse_deg=0.6
 )
+NO_LOAD = Asked(estimate_rmse_deg=1.0, correction_mps2=0.0)
 OTHER_LOAD = Asked(settle_periods=1.1, altitude_m=0.3, estimate_rmse_deg=0.6)
 
 
@@ -115,6 +118,8 @@ class Scenario:
     asked: Asked
     wind_ned_mps: Vec3 = REST
     gust_std_mps: float = 0.0
+    hooked: bool = True
+    """Whether the load that swingd is told of hangs on the hook; else nothing does."""
     built_in: bool = False
     """Whether ArduPilot's own vehicle and slung payload fly. Their load has so much drag that it hangs askew while
     travelling; its swing counts from there."""
@@ -209,6 +214,7 @@ PX4 = (
     Scenario("0.5kg-3m", 0.5, 3.0, one_step(3.0), OTHER_LOAD),
     Scenario("0.2kg-0.8m", 0.2, 0.8, one_step(3.0), OTHER_LOAD),
     Scenario("0.6kg-1.5m", 0.6, 1.5, one_step(3.0), OTHER_LOAD),
+    Scenario("no-load", 0.3, 1.5, steps(0.0), NO_LOAD, wind_ned_mps=(-4.0, 0.0, 0.0), gust_std_mps=1.0, hooked=False),
 )
 """On PX4; the first is flown with ``--quick``, its step north alone."""
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from swingd.config.render import dump_parameters
 from swingd.model.parameters import Endpoint, Mode, Parameters
 
-from .autopilots import Autopilot
+from .autopilots import Autopilot, console_port
 from .plan import Correction, Scenario
 from .record import Files, TrialError
 
@@ -23,6 +23,7 @@ TAIL_LINES = 12
 INSTANCES = range(9, -1, -1)
 """PX4 gives more than ten instances one port; the first ones are those that a user runs by hand."""
 _STOP_S = 8.0
+_LISTENS_S = 60.0
 
 
 class Process:
@@ -142,8 +143,24 @@ async def bench(
                 stack.callback(asyncio.ensure_future(companion).cancel)
             daemon = ("run", "-c", files.config, "--record", files.recording, "--summary", files.summary)
             processes.append(await start("swingd", (sys.executable, "-m", "swingd", *daemon)))
+            if not scenario.hooked:
+                await _unhook(console_port(instance))
             yield Bench(f"udpin://127.0.0.1:{application_port}", tuple(processes))
         autopilot.leave(folder, scenario, files)
+
+
+async def _unhook(port: int) -> None:
+    """Let the load go before anything flies, as soon as the simulation listens."""
+    for _ in range(round(_LISTENS_S / 0.1)):
+        with contextlib.suppress(OSError):
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(b"release\n")
+            answer = await reader.readline()
+            writer.close()
+            if answer.startswith(b"ok"):
+                return
+        await asyncio.sleep(0.1)
+    raise TrialError(f"the simulation's console on port {port} has not released the load within {_LISTENS_S:g} s")
 
 
 _taken: set[int] = set()

@@ -74,8 +74,8 @@ class Flown:
 
     version: str
     steps: list[Step] = field(default_factory=list)
-    estimate: list[tuple[float, float, float]] = field(default_factory=list)
-    """Published: time on the autopilot's clock [s], xi, zeta [rad]."""
+    estimate: list[tuple[float, float, float, float]] = field(default_factory=list)
+    """Published: time on the autopilot's clock [s], xi, zeta [rad], horizontal size of the correction [m/s^2]."""
     clock: list[tuple[float, float]] = field(default_factory=list)
     """The autopilot's against the wall clock [s], some ten a second."""
 
@@ -105,7 +105,7 @@ class Truth:
     t_boot_s: FloatArray
     """(n,)"""
     angles_rad: FloatArray
-    """(2, n) xi, zeta; nan where nothing is attached."""
+    """(2, n) xi, zeta; 0 where nothing hangs that could swing."""
     yaw_rad: FloatArray
     """(n,)"""
     pos_ned_m: FloatArray
@@ -150,4 +150,4 @@ class Truth:
             rows = np.loadtxt(io.StringIO(body), delimiter=",", usecols=[names.index(name) for name in COLUMNS]).T
         except ValueError as error:
             raise TrialError(f"{path}: {error}; expected the columns {', '.join(COLUMNS)}") from None
-        return Truth(rows[0], rows[1:3], rows[3], rows[4:7], rows[7:10])
+        return Truth(rows[0], np.nan_to_num(rows[1:3]), rows[3], rows[4:7], rows[7:10])

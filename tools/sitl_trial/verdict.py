@@ -40,6 +40,7 @@ def _of_flight(flight: Flight, off: Flight | None) -> Iterator[Verdict]:
     where = f"{flight.name}, {flight.correction}"
     for axis, rmse in (("xi", figures.xi_rmse_deg), ("zeta", figures.zeta_rmse_deg)):
         yield from _held(where, f"estimate of {axis}, RMSE [deg]", rmse, asked.estimate_rmse_deg)
+    yield from _held(where, "largest correction [m/s^2]", figures.correction_mps2, asked.correction_mps2)
     if flight.correction is Correction.OFF:
         return
     steps = [step for _, step in off.steps] if off is not None else [None] * len(flight.steps)
