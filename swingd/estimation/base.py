@@ -45,7 +45,7 @@ class SwingEstimator(Protocol):
     resets: dict[ResetReason, int]
     """How often it began anew, by reason."""
 
-    def step(self, force_n: FloatArray, acc_mps2: FloatArray, dt_s: float) -> Status:
+    def step(self, force_n: FloatArray, acc_mps2: FloatArray, dt_s: float, *, thrust_known: bool = True) -> Status:
         """Advance over one interval.
 
         Parameters
@@ -56,6 +56,8 @@ class SwingEstimator(Protocol):
             Mean inertial acceleration of the hook, level frame [m/s^2].
         dt_s : float
             Length of the interval [s], 0 < dt_s <= `INTERVAL_MAX_S`.
+        thrust_known : bool
+            False where the thrust was inferred from the model itself: nothing is to be learned of it then.
 
         Returns
         -------

@@ -47,7 +47,7 @@ class Fgdf:
         self._gated_s = 0.0
         self.resets = dict.fromkeys(ResetReason, 0)
 
-    def step(self, force_n: FloatArray, acc_mps2: FloatArray, dt_s: float) -> Status:
+    def step(self, force_n: FloatArray, acc_mps2: FloatArray, dt_s: float, *, thrust_known: bool = True) -> Status:
         """Advance over one interval; see `SwingEstimator.step`."""
         if not inputs_valid(force_n, acc_mps2, dt_s):
             return Status.INPUT_INVALID

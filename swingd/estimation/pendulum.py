@@ -34,7 +34,7 @@ class Pendulum:
         self._acc_slow = np.zeros(3)
         self.resets = dict.fromkeys(ResetReason, 0)
 
-    def step(self, force_n: FloatArray, acc_mps2: FloatArray, dt_s: float) -> Status:
+    def step(self, force_n: FloatArray, acc_mps2: FloatArray, dt_s: float, *, thrust_known: bool = True) -> Status:
         """Advance over one interval; the force is not used."""
         if not inputs_valid(acc_mps2, acc_mps2, dt_s):
             return Status.INPUT_INVALID

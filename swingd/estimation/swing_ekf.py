@@ -6,10 +6,13 @@ import math
 import numpy as np
 
 from swingd.core import swing_ekf as kernels
+from swingd.core import swing_ekf_parameters as parameter_kernels
 from swingd.core.status import Status
 from swingd.core.swing_ekf import NUM_STATES, Scheme, State
+from swingd.core.swing_ekf_parameters import NUM_PARAMETERS, ModelParameter
 from swingd.estimation.base import fault_of, inputs_valid
-from swingd.model.estimate import FloatArray, ResetReason, SwingEstimate
+from swingd.estimation.measurement_noise import MeasurementNoise
+from swingd.model.estimate import FloatArray, LearnedModel, ResetReason, SwingEstimate
 from swingd.model.parameters import Integrator, Parameters
 
 FORCE_AGE_S = 2.0
@@ -28,6 +31,21 @@ UNSEEN_ACC_MPS2 = 2.0
 began, or ended, unseen."""
 ANGLE_NOISE_VAR = 1e-8
 """Process noise density of the angles [rad^2/s]: keeps the covariance regular, far below everything else."""
+PARAMETER_MAX = math.log(1.6)
+"""Length and mass are learned within this of the configured ones, as a logarithm."""
+PARAMETER_WALK = 0.003
+"""Random walk of what was learned [1/sqrt(s)]: a tenth of it is open again after some minutes."""
+PARAMETER_FEIGNED = (0.01, 0.07)
+"""Differences of length and mass that errors of thrust, stamps and drag feign: up to here what was configured stays."""
+MISFIT_LASTS_S = 0.15
+"""Correlation time of what thrust, attitude and model leave unexplained."""
+MISFIT_MEMORY_S = 1.0
+"""Over which its size is taken."""
+LEARN_SHARE_MIN = 0.1
+"""Of the measurement noise, with which the model is learned where everything fits."""
+
+KEEPS_MODEL = (ResetReason.GAP, ResetReason.CLOCK, ResetReason.SLACK, ResetReason.ATTITUDE)
+"""Resets after which the same load hangs on the same cable, and nothing is wrong with what was learned of them."""
 
 _SCHEMES = {
     Integrator.BACKWARD_EULER: Scheme.BACKWARD_EULER,
@@ -83,8 +101,19 @@ class _Coherence:
         return x.real, -self.omega_radps * x.imag, y.real, -self.omega_radps * y.imag
 
 
+def trusted(learned: float, feigned: float) -> float:
+    """Return the part of a learned difference that is acted on: nothing up to ``feigned``, soon all beyond.
+
+    The non-negative garrote of Breiman (1995): continuous, and without the lasting shrinkage of a plain threshold.
+    """
+    return learned * (1.0 - (feigned / learned) ** 2) if abs(learned) > feigned else 0.0
+
+
 class SwingEkf:
     """Seven states: xi, zeta, their rates and the disturbance force on the vehicle, equations (8)-(13).
+
+    Cable length and load mass are learned beside them, see `swingd.core.swing_ekf_parameters`, and the measurement
+    noise follows the innovation, see `MeasurementNoise`.
 
     Parameters
     ----------
@@ -103,7 +132,9 @@ class SwingEkf:
         rate_var = estimator.swing_rate_noise**2
         force_var = (estimator.force_noise * self._mass_kg) ** 2
         self._Q = np.array([ANGLE_NOISE_VAR] * 2 + [rate_var] * 2 + [force_var] * 3)
-        self._R = np.array([estimator.acc_noise**2] * 2 + [estimator.acc_noise_vertical**2])
+        self._noise = MeasurementNoise(
+            np.array([estimator.acc_noise**2] * 2 + [estimator.acc_noise_vertical**2]), estimator.acc_noise_max**2
+        )
         self._P_init = np.diag(
             [estimator.swing_std_init_rad**2] * 2
             + [estimator.swing_rate_std_init_radps**2] * 2
@@ -112,6 +143,17 @@ class SwingEkf:
         self._relearn_rad = estimator.relearn_rad
         self._coherence = _Coherence(self._mass_kg, self._payload_mass_kg, self._length_m)
         self._feigned_rad = COHERENT_SIGMAS * self._coherence.noise_rad(force_var)
+        self._configured = (self._length_m, self._payload_mass_kg)
+        self._p_std = np.array([estimator.cable_length_std, estimator.payload_mass_std])
+        self._learned = np.zeros(NUM_PARAMETERS)
+        """ln of length and mass over the configured ones, as learned."""
+        self._applied = np.zeros(NUM_PARAMETERS)
+        """The same, as the filter is run."""
+        self._P_p = np.diag(self._p_std**2)
+        self._V = np.zeros((NUM_STATES, NUM_PARAMETERS))
+        self._V_next = np.empty((NUM_STATES, NUM_PARAMETERS))
+        self._innovation = np.empty(3)
+        self._learn_share = 1.0
         self._x = np.zeros(NUM_STATES)
         self._P = self._P_init.copy()
         self._x_next = np.empty(NUM_STATES)
@@ -121,15 +163,17 @@ class SwingEkf:
         self._gated_s = 0.0
         self.resets = dict.fromkeys(ResetReason, 0)
 
-    def step(self, force_n: FloatArray, acc_mps2: FloatArray, dt_s: float) -> Status:
+    def step(self, force_n: FloatArray, acc_mps2: FloatArray, dt_s: float, *, thrust_known: bool = True) -> Status:
         """Advance over one interval; see `SwingEstimator.step`."""
         if not inputs_valid(force_n, acc_mps2, dt_s):
             return Status.INPUT_INVALID
         self._force[:] = force_n
+        self._learn(acc_mps2, dt_s, thrust_known)
         status = self._advance(acc_mps2, dt_s, self._nis_gate)
         if status not in (Status.OK, Status.GATED):
             self.reset(ResetReason.NUMERICS)
             return status
+        self._weigh(dt_s)
         self._relearn(dt_s)
         self._gated_s = self._gated_s + dt_s if status is Status.GATED else 0.0
         reason = fault_of(self._x, self._P, self._gated_s)
@@ -167,7 +211,14 @@ class SwingEkf:
         tension_n = kernels.observation(
             h, H, self._x, self._force, self._mass_kg, self._payload_mass_kg, self._length_m
         )
-        return SwingEstimate(self._x.copy(), rate[:4], self._P.copy(), float(self._nis[0]), tension_n)
+        P = self._P + self._V @ self._P_p @ self._V.T
+        ratio = np.exp(self._learned).tolist()
+        std = np.sqrt(np.diag(self._P_p)).tolist()
+        length_m, payload_mass_kg = (configured * r for configured, r in zip(self._configured, ratio, strict=True))
+        learned = LearnedModel(length_m, length_m * std[0], payload_mass_kg, payload_mass_kg * std[1])
+        return SwingEstimate(
+            self._x.copy(), rate[:4], P, float(self._nis[0]), tension_n, learned, self._noise.inflation
+        )
 
     def reset(self, reason: ResetReason, force_n: tuple[float, float, float] | None = None) -> None:
         """Begin anew with the load at rest below; ``force_n`` is the disturbance where it was measured just before."""
@@ -182,6 +233,69 @@ class SwingEkf:
         self._nis[0] = 0.0
         self._gated_s = 0.0
         self._coherence.reset()
+        self._noise.restart()
+        self._learn_share = 1.0
+        # A state that was assumed owes nothing to the model.
+        self._V[:] = 0.0
+        if reason not in KEEPS_MODEL:
+            self._learned[:] = 0.0
+            self._P_p[:] = np.diag(self._p_std**2)
+            self._apply(np.zeros(NUM_PARAMETERS))
+
+    def _learn(self, acc_mps2: FloatArray, dt_s: float, thrust_known: bool) -> None:
+        """Let noise and model follow the innovation of this interval, before the state does."""
+        relative = self._learned - self._applied
+        P_p = self._P_p.copy()
+        status = parameter_kernels.learn(
+            relative,
+            P_p,
+            self._innovation,
+            self._x,
+            self._P,
+            self._V,
+            self._force,
+            acc_mps2,
+            self._learn_share * self._noise.R_diag,
+            dt_s,
+            self._mass_kg,
+            self._payload_mass_kg,
+            self._length_m,
+            self._nis_gate,
+        )
+        if status not in (Status.OK, Status.GATED):
+            return
+        self._noise.update(self._innovation, dt_s)
+        if status == Status.GATED or not thrust_known:
+            return
+        for i in range(NUM_PARAMETERS):
+            # What is not exact opens again slowly, up to what it was at the start.
+            P_p[i, i] = min(P_p[i, i] + PARAMETER_WALK**2 * dt_s, self._p_std[i] ** 2)
+        self._P_p = P_p
+        self._learned = np.clip(self._applied + relative, -PARAMETER_MAX, PARAMETER_MAX)
+        acted_on = np.array(
+            [trusted(p, feigned) for p, feigned in zip(self._learned.tolist(), PARAMETER_FEIGNED, strict=True)]
+        )
+        self._x += self._V @ (acted_on - self._applied)
+        self._apply(acted_on)
+
+    def _weigh(self, dt_s: float) -> None:
+        """Choose the noise with which the model is learned from what it has left unexplained lately.
+
+        The configured noise covers wind, sag and tilt errors at their worst; in a calm flight the innovation is a tenth
+        of it, and a length that is learned no faster than the worst flight allows is learned too late. What is left
+        unexplained is not white: over a correlation time tau, its density is twice tau times its variance.
+        """
+        share = float(self._nis[0]) / 3.0 * 2.0 * MISFIT_LASTS_S / dt_s
+        blend = dt_s / (dt_s + MISFIT_MEMORY_S)
+        self._learn_share += blend * (min(max(share, LEARN_SHARE_MIN), 1.0) - self._learn_share)
+
+    def _apply(self, parameters: FloatArray) -> None:
+        """Run the filter with these logarithms of length and mass over the configured ones."""
+        self._applied = parameters
+        self._length_m = self._configured[ModelParameter.LENGTH] * math.exp(parameters[ModelParameter.LENGTH])
+        self._payload_mass_kg = self._configured[ModelParameter.PAYLOAD_MASS] * math.exp(
+            parameters[ModelParameter.PAYLOAD_MASS]
+        )
 
     def _relearn(self, dt_s: float) -> None:
         """Give the swing what the disturbance took from it.
@@ -224,7 +338,7 @@ class SwingEkf:
                     self._force,
                     acc_mps2,
                     self._Q,
-                    self._R,
+                    self._noise.R_diag,
                     dt_s / pieces,
                     dt_s,
                     self._mass_kg,
@@ -235,6 +349,23 @@ class SwingEkf:
                 )
             )
             if status in (Status.OK, Status.GATED):
+                carried = parameter_kernels.carry_sensitivity(
+                    self._V_next,
+                    self._V,
+                    self._x,
+                    self._x_next,
+                    self._P_next,
+                    self._force,
+                    self._noise.R_diag,
+                    dt_s / pieces,
+                    int(status is Status.GATED),
+                    self._mass_kg,
+                    self._payload_mass_kg,
+                    self._length_m,
+                )
+                if carried != Status.OK:
+                    return Status(carried)
+                self._V, self._V_next = self._V_next, self._V
                 self._x, self._x_next = self._x_next, self._x
                 self._P, self._P_next = self._P_next, self._P
                 if done == 0:

@@ -222,6 +222,19 @@ class Estimator:
     nis_gate: float = quantity(
         50.0, "1", 5.0, 1e4, "measurements whose normalised innovation squared is above are left out"
     )
+    acc_noise_max: float = quantity(
+        2.0,
+        "m/s^2/sqrt(Hz)",
+        1e-6,
+        100.0,
+        "vibration that the innovation shows raises the densities up to this; at or below them: never",
+    )
+    cable_length_std: float = quantity(
+        0.2, "1", 0.0, 0.5, "deviation of the configured length over itself, learned in flight; 0: exact"
+    )
+    payload_mass_std: float = quantity(
+        0.2, "1", 0.0, 0.5, "deviation of the configured load over itself, learned in flight; 0: exact"
+    )
     damping_ratio: float = quantity(
         0.02, "1", 0.0, 0.5, "natural damping of the load's swing, used by the pendulum baseline"
     )

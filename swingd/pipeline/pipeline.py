@@ -332,7 +332,7 @@ class Pipeline:
             told += self._mass_changed()
         hangs = self._hangs
         if hangs:
-            self._advance(interval)
+            self._advance(interval, thrust_known=thrust.source is not ThrustSource.REMARK_1)
         if self._payload.state is PayloadState.ATTACHED:
             self._calibrate(interval.dt_s, tilt, thrust.curve_n, float(self._acc_hook[2]))
         estimate = self._estimate
@@ -400,13 +400,13 @@ class Pipeline:
             altitude_m=None if position is None else -position.pos_ned_m[2],
         )
 
-    def _advance(self, interval: ImuInterval) -> None:
+    def _advance(self, interval: ImuInterval, *, thrust_known: bool) -> None:
         """Carry the estimate over one interval, the part without samples first."""
         dt_s = interval.dt_s
         if interval.missing_s > 0.0:
             self._estimator.coast(self._force, interval.missing_s)
             dt_s -= interval.missing_s
-        status = self._estimator.step(self._force, self._acc_hook, dt_s)
+        status = self._estimator.step(self._force, self._acc_hook, dt_s, thrust_known=thrust_known)
         if status is Status.GATED:
             self._refusals["gated"] += 1
         elif status is not Status.OK:

@@ -30,6 +30,8 @@ NOISE = Estimator(
     swing_rate_std_init_radps=0.3,
     force_std_init=0.5,
     nis_gate=1e4,
+    cable_length_std=0.0,
+    payload_mass_std=0.0,
 )
 
 

@@ -20,7 +20,7 @@ from swingd.estimation.base import INTERVAL_MAX_S
 from swingd.model.estimate import ResetReason
 from swingd.model.parameters import Cable, Estimator, Integrator, Parameters, Payload, Vehicle
 
-from .rig import DT_S, HOVER, ML, STILL, L, M, faults, parameters
+from .rig import DT_S, EXACT, HOVER, ML, STILL, L, M, faults, parameters
 
 
 def at_rest(ekf):
@@ -180,7 +180,7 @@ def test_estimate_is_a_copy():
 
 def test_an_interval_is_divided_at_max_step():
     """A long interval is as many steps of max_step, and the same as a filter fed step by step."""
-    whole, parts = SwingEkf(parameters(max_step_s=0.0025)), SwingEkf(parameters(max_step_s=0.1))
+    whole, parts = (SwingEkf(parameters(max_step_s=step_s, **EXACT)) for step_s in (0.0025, 0.1))
     force, acc = HOVER + np.array([2.0, -1.0, 0.5]), np.array([0.6, -0.4, 0.2])
     whole.step(force, acc, 0.01)
     for _ in range(4):
@@ -238,10 +238,12 @@ def test_a_gated_measurement_is_left_out():
     for ekf in (one, other):
         for _ in range(100):
             assert ekf.step(HOVER, STILL, DT_S) is Status.OK
+    before = one.estimate().P
     assert one.step(HOVER, np.array([60.0, 0.0, 0.0]), DT_S) is Status.GATED
-    other.coast(HOVER, DT_S)
+    assert other.step(HOVER, np.array([0.0, -90.0, 20.0]), DT_S) is Status.GATED
     np.testing.assert_array_equal(one.estimate().x, other.estimate().x)
     np.testing.assert_array_equal(one.estimate().P, other.estimate().P)
+    assert (np.diag(one.estimate().P)[4:] > np.diag(before)[4:]).all()
     assert one.estimate().nis > 20.0
 
 
