@@ -87,7 +87,7 @@ def read_csv_log(path: Path | str) -> CsvLog:
         If it is none of the known formats or a row is damaged; names file, line and what was expected.
     """
     text = read_text(path)
-    names = header_of(text)
+    names = header_of(path, text)
     if ",".join(names) == _GAZEBO_HEADER:
         return _gazebo(path, read_table(path, text, len(names), header=True))
     if "t_boot_s" in names:

@@ -3,6 +3,8 @@
 import csv
 import gzip
 import io
+import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -52,7 +54,7 @@ def read_text(path: Path | str) -> str:
         if data[:2] == b"\x1f\x8b":
             data = gzip.decompress(data)
         return data.decode("utf-8-sig")
-    except (OSError, EOFError) as error:
+    except (OSError, EOFError, zlib.error) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise LogFormatError(f"{path}: cannot be read: {reason}") from error
     except UnicodeDecodeError as error:
@@ -68,20 +70,20 @@ def read_table(path: Path | str, text: str, width: int, header: bool) -> FloatAr
         If a row has another number of cells or a cell is no number; names file, line and column.
     """
     rows: list[list[float]] = []
-    reader = csv.reader(io.StringIO(text))
+    lines = _lines(path, text)
     if header:
-        next(reader)
-    for row in reader:
+        next(lines, None)
+    for line, row in lines:
         if not row:
             continue
         if len(row) != width:
-            raise LogFormatError(f"{path}, line {reader.line_num}: {len(row)} cells; expected {width}")
+            raise LogFormatError(f"{path}, line {line}: {len(row)} cells; expected {width}")
         try:
             rows.append([float(cell) if cell.strip() else np.nan for cell in row])
         except ValueError:
             column = next(i for i, cell in enumerate(row) if cell.strip() and not _is_number(cell))
             raise LogFormatError(
-                f"{path}, line {reader.line_num}, column {column + 1}: {row[column]!r}; expected a number"
+                f"{path}, line {line}, column {column + 1}: {row[column]!r}; expected a number"
             ) from None
     if not rows:
         raise LogFormatError(f"{path}: no rows; expected at least one")
@@ -96,9 +98,25 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def header_of(text: str) -> list[str]:
-    """Return the names in the first line of a CSV text."""
-    return [name.strip() for name in next(csv.reader(io.StringIO(text)), [])]
+def _lines(path: Path | str, text: str) -> Iterator[tuple[int, list[str]]]:
+    """Cut a CSV text into its lines, ended by any system's line end: their numbers and cells."""
+    reader = csv.reader(io.StringIO(text, newline=None))
+    try:
+        for row in reader:
+            yield reader.line_num, row
+    except csv.Error as error:
+        raise LogFormatError(f"{path}, line {reader.line_num}: {error}; expected a CSV file") from None
+
+
+def header_of(path: Path | str, text: str) -> list[str]:
+    """Return the names in the first line of a CSV text.
+
+    Raises
+    ------
+    LogFormatError
+        If it is no CSV text.
+    """
+    return [name.strip() for name in next(_lines(path, text), (1, []))[1]]
 
 
 def within(truth: SwingTruth, start_s: float | None = None, end_s: float | None = None) -> SwingTruth:
@@ -129,7 +147,7 @@ def read_truth(path: Path | str, start_s: float | None = None, end_s: float | No
         If the file is not such a table; names file, line and what was expected.
     """
     text = read_text(path)
-    names = header_of(text)
+    names = header_of(path, text)
     wanted = _PX4_SITL if _PX4_SITL[0] in names else _OWN
     missing = [name for name in ("t_boot_s", *wanted) if name not in names]
     if missing:

@@ -64,7 +64,29 @@ def test_what_is_wrong_is_named_with_its_place(tmp_path, text, expected):
     assert expected in str(error.value)
 
 
-@pytest.mark.parametrize("data", [b"\xff\xfe\x00", b"\x1f\x8bgarbage", gzip.compress(PX4.encode())[:-20]])
+def damaged_gzip() -> bytes:
+    packed = bytearray(gzip.compress(1000 * b"abc"))
+    packed[14] ^= 0xFF
+    return bytes(packed)
+
+
+@pytest.mark.parametrize("line_end", ["\r", "\r\n"])
+def test_lines_may_end_as_on_any_system(tmp_path, line_end):
+    path = tmp_path / "truth.csv"
+    path.write_bytes(PX4.replace("\n", line_end).encode())
+    assert read_truth(path).t_boot_s.tolist() == [1.0, 1.01, 1.02, 1.03]
+
+
+def test_a_cell_without_an_end_is_refused(tmp_path):
+    path = tmp_path / "truth.csv"
+    path.write_text(PX4 + '"' + 200_000 * "1")
+    with pytest.raises(LogFormatError, match=r"line \d+: field larger than field limit"):
+        read_truth(path)
+
+
+@pytest.mark.parametrize(
+    "data", [b"\xff\xfe\x00", b"\x1f\x8bgarbage", gzip.compress(PX4.encode())[:-20], damaged_gzip()]
+)
 def test_files_that_are_no_text_are_refused(tmp_path, data):
     path = tmp_path / "truth.csv.gz"
     path.write_bytes(data)

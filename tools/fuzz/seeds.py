@@ -1,5 +1,6 @@
 """Small, good inputs of every kind, from which the fuzzer begins; all made here, none taken from a file."""
 
+import gzip
 import struct
 import tempfile
 from pathlib import Path
@@ -53,7 +54,7 @@ def csv_logs() -> list[bytes]:
     own = ",".join(REQUIRED) + "\n" + "".join(f"{0.01 * k:g},{_QUIET}\n" for k in range(4))
     more = ",".join((*REQUIRED, *OPTIONAL, "motor_1")) + "\n" + f"0.1,{_QUIET},0.5,15,0,0,0,0,0,-5,1,0,0.5\n"
     captured = "\n".join(",".join(f"{0.1 * (i + k):g}" for i in range(24)) for k in range(25)) + "\n"
-    return [text.encode() for text in (own, more, captured)]
+    return [*(text.encode() for text in (own, more, captured)), gzip.compress(own.encode())]
 
 
 def truths() -> list[bytes]:
