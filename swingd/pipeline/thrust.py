@@ -57,6 +57,10 @@ class _LaggedOutputs:
         return [u + (x - u) * kept for u, x in zip(self._commanded, self._turning, strict=True)]
 
 
+VOLTAGE_JUMP_SHARE = 1.0 / 3.0
+VOLTAGE_JUMP_FOR_S = 10.0
+
+
 @dataclass(frozen=True, slots=True)
 class ThrustReading:
     """Thrust along body -z at one instant."""
@@ -79,6 +83,7 @@ class ThrustModel:
         self._throttle = _LaggedOutputs(parameters, thrust.throttle_delay_s)
         self._voltage_v = math.nan
         self._t_voltage_s = 0.0
+        self._jumped_s: float | None = None
         self.compensated = False
         """The autopilot scales its outputs with the voltage: the throttle then means thrust, the outputs do not."""
 
@@ -102,9 +107,23 @@ class ThrustModel:
         self._throttle.add(throttle.t_boot_s, (throttle.throttle,))
 
     def add_battery(self, battery: Battery) -> bool:
-        """Take a voltage; return whether it was taken: it must be within ``voltage_min_v`` .. ``voltage_max_v``."""
+        """Take a voltage; return whether it was taken.
+
+        It must be within ``voltage_min_v`` .. ``voltage_max_v``, and not far from the ones before: no pack under load
+        jumps by a third. What stays there for `VOLTAGE_JUMP_FOR_S` is measured otherwise from then on, and is taken.
+        """
         if not self._thrust.voltage_min_v <= battery.voltage_v <= self._thrust.voltage_max_v:
             return False
+        if abs(battery.voltage_v - self.voltage_v) <= VOLTAGE_JUMP_SHARE * self.voltage_v or math.isnan(
+            self._voltage_v
+        ):
+            self._jumped_s = None
+        else:
+            if self._jumped_s is None:
+                self._jumped_s = battery.t_mono_s
+            if battery.t_mono_s - self._jumped_s < VOLTAGE_JUMP_FOR_S:
+                return False
+            self._jumped_s, self._voltage_v = None, math.nan
         dt_s, self._t_voltage_s = battery.t_mono_s - self._t_voltage_s, battery.t_mono_s
         if math.isnan(self._voltage_v):
             self._voltage_v = battery.voltage_v

@@ -72,6 +72,20 @@ def test_implausible_voltages_are_refused(voltage_v: float) -> None:
     assert thrust.voltage_v == 15.0
 
 
+def test_a_voltage_that_jumps_by_more_than_a_third_is_taken_once_it_stays() -> None:
+    thrust = model(replace(QUICK, voltage_time_constant_s=0.5))
+    assert thrust.add_battery(Battery(0.0, 15.0))
+    taken_s = [0.1 * k for k in range(1, 130) if thrust.add_battery(Battery(0.1 * k, 30.0))]
+    assert taken_s[0] == pytest.approx(10.1, abs=0.11)
+    assert thrust.voltage_v == 30.0
+    thrust = model(replace(QUICK, voltage_time_constant_s=0.5))
+    thrust.add_battery(Battery(0.0, 15.0))
+    assert not thrust.add_battery(Battery(9.0, 8.0))
+    assert thrust.add_battery(Battery(9.1, 12.0)), "a sag under load"
+    assert not thrust.add_battery(Battery(18.0, 8.0))
+    assert not thrust.add_battery(Battery(19.5, 8.0)), "counted from the last good one on"
+
+
 @pytest.mark.parametrize("tau_s", [0.02, 0.1])
 def test_the_lag_is_the_exact_exponential(tau_s: float) -> None:
     thrust = model(replace(CURVE, motor_time_constant_s=tau_s))
