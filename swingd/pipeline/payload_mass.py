@@ -35,12 +35,16 @@ SWING_HIGH_PASS = 0.25
 """Corner of the high-pass over the pendulum's frequency: steady wind and tilt errors tell nothing."""
 
 
+SMOOTHING_S = 0.05
+"""Vibration squared would count as weight: 4 m/s^2 in the accelerometer's means feigned the loss of 0.3 kg under 2 kg."""
+
+
 class ApparentMass:
     """Mass beyond the vehicle's that the lift seems to carry, by least squares that forget.
 
     Lift and acceleration obey L + m (z - g) = m_app (g - z). In free fall the right-hand side says nothing and weighs
     nothing, so that the answer stays; in a climb it weighs more. A thrust curve that is wrong by a share e adds
-    e (m + m_l), whatever the manoeuvre.
+    e (m + m_l), whatever the manoeuvre. The same holds of both behind one low-pass, which leaves vibration out.
     """
 
     def __init__(self, mass_kg: float) -> None:
@@ -50,10 +54,17 @@ class ApparentMass:
     def reset(self) -> None:
         """Forget everything."""
         self._product, self._square = 0.0, 0.0
+        self._smooth: tuple[float, float] | None = None
 
     def update(self, dt_s: float, lift_n: float, acc_down_mps2: float, time_constant_s: float = math.inf) -> float:
         """Take a step with the lift [N] and the vehicle's acceleration down; return the apparent mass [kg]."""
         felt_mps2 = GRAVITY_MPS2 - acc_down_mps2
+        if self._smooth is not None:
+            followed = -math.expm1(-dt_s / SMOOTHING_S)
+            lift_before_n, felt_before_mps2 = self._smooth
+            lift_n = lift_before_n + followed * (lift_n - lift_before_n)
+            felt_mps2 = felt_before_mps2 + followed * (felt_mps2 - felt_before_mps2)
+        self._smooth = lift_n, felt_mps2
         kept = math.exp(-dt_s / time_constant_s)
         self._product = kept * self._product + dt_s * felt_mps2 * (lift_n - self._mass_kg * felt_mps2)
         self._square = kept * self._square + dt_s * felt_mps2 * felt_mps2
