@@ -33,15 +33,15 @@ ANGLE_NOISE_VAR = 1e-8
 """Process noise density of the angles [rad^2/s]: keeps the covariance regular, far below everything else."""
 PARAMETER_MAX = math.log(1.6)
 """Length and mass are learned within this of the configured ones, as a logarithm."""
-PARAMETER_WALK = 0.003
-"""Random walk of what was learned [1/sqrt(s)]: a tenth of it is open again after some minutes."""
+PARAMETER_WALK = 0.001
+"""Random walk of what was learned [1/sqrt(s)]: a hundredth of it is open again after some minutes."""
 PARAMETER_FEIGNED = (0.01, 0.07)
 """Differences of length and mass that errors of thrust, stamps and drag feign: up to here what was configured stays."""
-MISFIT_LASTS_S = 0.15
+MISFIT_LASTS_S = 0.3
 """Correlation time of what thrust, attitude and model leave unexplained."""
-MISFIT_MEMORY_S = 1.0
+MISFIT_MEMORY_S = 0.5
 """Over which its size is taken."""
-LEARN_SHARE_MIN = 0.1
+LEARN_SHARE_MIN = 0.05
 """Of the measurement noise, with which the model is learned where everything fits."""
 
 KEEPS_MODEL = (ResetReason.GAP, ResetReason.CLOCK, ResetReason.SLACK, ResetReason.ATTITUDE)

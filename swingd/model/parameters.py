@@ -230,10 +230,10 @@ class Estimator:
         "vibration that the innovation shows raises the densities up to this; at or below them: never",
     )
     cable_length_std: float = quantity(
-        0.2, "1", 0.0, 0.5, "deviation of the configured length over itself, learned in flight; 0: exact"
+        0.15, "1", 0.0, 0.5, "deviation of the configured length over itself, learned in flight; 0: exact"
     )
     payload_mass_std: float = quantity(
-        0.2, "1", 0.0, 0.5, "deviation of the configured load over itself, learned in flight; 0: exact"
+        0.15, "1", 0.0, 0.5, "deviation of the configured load over itself, learned in flight; 0: exact"
     )
     damping_ratio: float = quantity(
         0.02, "1", 0.0, 0.5, "natural damping of the load's swing, used by the pendulum baseline"
