@@ -77,6 +77,7 @@ PROMISES = [
     unharmed("corrupt 0.1"),
     unharmed("nan 0.2"),
     unharmed("voltage 0"),
+    unharmed("voltage 30"),
     unharmed("voltage_frozen"),
     unharmed("yaw 0.5"),
     unharmed("flood 500"),
@@ -122,9 +123,10 @@ PROMISES = [
     Promise("acc_bias 0.5", 3.0, settled_s=3.0, during_deg=5.0),
     Promise("vibration 10", 3.0, settled_s=3.0, during_deg=5.0, healthy_s=3.0),
     Promise("vibration 30", 3.0, settled_s=3.0, healthy_s=3.0),
-    Promise("sag 0.1", 3.0, settled_s=2.0, during_deg=2.0, worst=(Health.DEGRADED,)),
+    Promise("sag 0.05", 3.0, settled_s=3.0, during_deg=2.0, worst=(Health.DEGRADED,)),
+    # Its end is 0.24 kg less within a tenth of a second, of a load of 0.3 kg: nothing tells that from a release.
+    Promise("sag 0.1", 3.0, settled_s=5.0, during_deg=2.0, healthy_s=6.0, resets=LOST_AND_FOUND),
     Promise("voltage 12", 3.0, settled_s=3.0, healthy_s=3.0, resets=LOST_AND_FOUND),
-    Promise("voltage 30", 3.0, settled_s=4.0, correction=Correction.FADED, healthy_s=4.0, resets=LOST_AND_FOUND),
     Promise(
         "attitude 0.1",
         2.0,
@@ -154,6 +156,12 @@ def cases(promises: list[Promise]) -> list[object]:
 
 def hold_to(promise: Promise, corrected: Record, uncorrected: Record) -> None:
     seen = outcome(corrected, uncorrected, promise.duration_s)
+    print(
+        f"\n{promise.fault} for {promise.duration_s:g} s: error {seen.during_deg:.2f} deg while it lasts, normal "
+        f"{seen.settled_s:.2f} s after, health good {seen.healthy_s:.1f} s after, "
+        f"worst {', '.join(sorted(h.value for h in seen.healths - {Health.READY, Health.ACTIVE})) or 'none'}, "
+        f"swing {seen.swing_ratio:.2f} of uncorrected, correction in the last third {seen.last_mps2:.2f} m/s^2"
+    )
     assert seen.finite
     assert seen.swing_ratio <= SWING_MAX
     assert seen.settled_s <= promise.settled_s
