@@ -36,7 +36,7 @@ SWING_HIGH_PASS = 0.25
 
 
 SMOOTHING_S = 0.05
-"""Vibration squared would count as weight: 4 m/s^2 in the accelerometer's means feigned the loss of 0.3 kg under 2 kg."""
+"""Vibration squared would count as weight: 4 m/s^2 in the mean accelerations feigned the loss of 0.3 kg under 2 kg."""
 
 
 class ApparentMass:
