@@ -32,7 +32,9 @@ class MeasurementNoise:
     def __init__(self, R_diag: FloatArray, density_max: float) -> None:
         self._floor: list[float] = R_diag.tolist()
         self._ceiling = [max(floor, density_max) for floor in self._floor]
-        self._slow: list[float] | None = None
+        self._began = False
+        self.slow = [0.0] * 3
+        """What is slow of the innovation, level frame [m/s^2]."""
         self._density = [0.0] * 3
         self.R_diag = R_diag.copy()
         """(3,) densities now [(m/s^2)^2 s]."""
@@ -45,7 +47,7 @@ class MeasurementNoise:
 
     def restart(self) -> None:
         """The filter began anew: its innovation jumps, the vibration stays."""
-        self._slow = None
+        self._began = False
 
     def update(self, innovation: FloatArray, dt_s: float) -> None:
         """Take the innovation of one interval, also of one that the gate will leave out.
@@ -58,8 +60,8 @@ class MeasurementNoise:
             The interval [s].
         """
         values: list[float] = innovation.tolist()
-        if self._slow is None:
-            self._slow = values
+        if not self._began:
+            self._began, self.slow = True, values
             return
         blend = dt_s / (dt_s + MEMORY_S)
         follow = -math.expm1(-2.0 * math.pi * SLOW_HZ * dt_s)
@@ -67,8 +69,8 @@ class MeasurementNoise:
             # White noise minus its own first-order mean has more variance than alone.
             share = (1.0 - 0.5 * follow) * dt_s
             limit = math.sqrt(SURPRISE_MAX * max(self._density[i], self._floor[i]) / share)
-            fast = value - self._slow[i]
-            self._slow[i] += follow * fast
+            fast = value - self.slow[i]
+            self.slow[i] += follow * fast
             fast = min(max(fast, -limit), limit)
             self._density[i] += blend * (share * fast * fast - self._density[i])
             self.R_diag[i] = min(max(self._density[i] - CHANCE * self._floor[i], self._floor[i]), self._ceiling[i])

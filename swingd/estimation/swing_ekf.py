@@ -37,7 +37,7 @@ PARAMETER_WALK = 0.001
 """Random walk of what was learned [1/sqrt(s)]: a hundredth of it is open again after some minutes."""
 PARAMETER_FEIGNED = (0.01, 0.07)
 """Differences of length and mass that errors of thrust, stamps and drag feign: up to here what was configured stays."""
-MISFIT_LASTS_S = 0.3
+MISFIT_LASTS_S = 0.5
 """Correlation time of what thrust, attitude and model leave unexplained."""
 MISFIT_MEMORY_S = 0.5
 """Over which its size is taken."""
@@ -153,7 +153,7 @@ class SwingEkf:
         self._V = np.zeros((NUM_STATES, NUM_PARAMETERS))
         self._V_next = np.empty((NUM_STATES, NUM_PARAMETERS))
         self._innovation = np.empty(3)
-        self._learn_share = 1.0
+        self._misfit = 1.0
         self._x = np.zeros(NUM_STATES)
         self._P = self._P_init.copy()
         self._x_next = np.empty(NUM_STATES)
@@ -173,7 +173,6 @@ class SwingEkf:
         if status not in (Status.OK, Status.GATED):
             self.reset(ResetReason.NUMERICS)
             return status
-        self._weigh(dt_s)
         self._relearn(dt_s)
         self._gated_s = self._gated_s + dt_s if status is Status.GATED else 0.0
         reason = fault_of(self._x, self._P, self._gated_s)
@@ -234,7 +233,7 @@ class SwingEkf:
         self._gated_s = 0.0
         self._coherence.reset()
         self._noise.restart()
-        self._learn_share = 1.0
+        self._misfit = 1.0
         # A state that was assumed owes nothing to the model.
         self._V[:] = 0.0
         if reason not in KEEPS_MODEL:
@@ -255,7 +254,7 @@ class SwingEkf:
             self._V,
             self._force,
             acc_mps2,
-            self._learn_share * self._noise.R_diag,
+            max(self._misfit, LEARN_SHARE_MIN) * self._noise.R_diag,
             dt_s,
             self._mass_kg,
             self._payload_mass_kg,
@@ -265,6 +264,7 @@ class SwingEkf:
         if status not in (Status.OK, Status.GATED):
             return
         self._noise.update(self._innovation, dt_s)
+        self._weigh(dt_s)
         if status == Status.GATED or not thrust_known:
             return
         for i in range(NUM_PARAMETERS):
@@ -282,12 +282,14 @@ class SwingEkf:
         """Choose the noise with which the model is learned from what it has left unexplained lately.
 
         The configured noise covers wind, sag and tilt errors at their worst; in a calm flight the innovation is a tenth
-        of it, and a length that is learned no faster than the worst flight allows is learned too late. What is left
-        unexplained is not white: over a correlation time tau, its density is twice tau times its variance.
+        of it, and a length that is learned no faster than the worst flight allows is learned too late. What the model
+        leaves unexplained is not white: over a correlation time tau, its density is twice tau times its variance.
         """
-        share = float(self._nis[0]) / 3.0 * 2.0 * MISFIT_LASTS_S / dt_s
+        variance = sum(
+            slow**2 / density for slow, density in zip(self._noise.slow, self._noise.R_diag.tolist(), strict=True)
+        )
         blend = dt_s / (dt_s + MISFIT_MEMORY_S)
-        self._learn_share += blend * (min(max(share, LEARN_SHARE_MIN), 1.0) - self._learn_share)
+        self._misfit += blend * (2.0 * MISFIT_LASTS_S * variance / 3.0 - self._misfit)
 
     def _apply(self, parameters: FloatArray) -> None:
         """Run the filter with these logarithms of length and mass over the configured ones."""
