@@ -35,7 +35,7 @@ SWING_HIGH_PASS = 0.25
 """Corner of the high-pass over the pendulum's frequency: steady wind and tilt errors tell nothing."""
 
 
-SMOOTHING_S = 0.05
+SMOOTHING_S = 0.02
 """Vibration squared would count as weight: 4 m/s^2 in the mean accelerations feigned the loss of 0.3 kg under 2 kg."""
 
 
