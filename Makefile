@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench golden fuzz install uninstall clean
+.PHONY: help setup demo test check bench golden fuzz soak install uninstall clean
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -48,6 +48,10 @@ TARGET ?= all
 fuzz: $(STAMP)  ## feed what reads bytes of others with ever new ones: make fuzz SECONDS=600 TARGET=ulog
 	@$(BIN)/python -c 'import atheris' 2> /dev/null || $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
 	$(BIN)/python -m tools.fuzz $(TARGET) --seconds $(SECONDS)
+
+HOURS ?= 24
+soak: $(STAMP)  ## fly simulated hours with everything that goes wrong, in all cores: make soak HOURS=1
+	$(BIN)/python -m tools.soak --hours $(HOURS)
 
 # The service. DESTDIR stages for a package: nothing outside of it is touched, nothing is compiled. VENV_READY names an
 # environment that has swingd already; else one is made in PREFIX.

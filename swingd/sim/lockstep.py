@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Callable
 
 from swingd.engine import TICK_S, Delivery, Engine
-from swingd.link.codec import Framer
+from swingd.link.codec import Framer, FramingCounters
 from swingd.link.router import AUTOPILOT, port_of
 from swingd.sim.peer import SimulatedAutopilot
 from swingd.sim.plant import DT_S
@@ -32,10 +32,10 @@ class EngineCompanion:
 
     def __call__(self, t_s: float, data: bytes) -> bytes:
         """Take what the autopilot sent and let time pass; return what goes to it."""
-        self._deliver(self.engine.receive(t_s, AUTOPILOT, self._framers[AUTOPILOT].receive(data)))
+        self.deliver(self.engine.receive(t_s, AUTOPILOT, self._framers[AUTOPILOT].receive(data)))
         if t_s >= self._tick_s:
             self._tick_s += TICK_S
-            self._deliver(self.engine.tick(t_s))
+            self.deliver(self.engine.tick(t_s))
         answer, self._to_autopilot = self._to_autopilot, []
         return b"".join(answer)
 
@@ -51,9 +51,14 @@ class EngineCompanion:
 
     def application_sends(self, t_s: float, port: int, data: bytes) -> None:
         """Take what an application sends; what it causes leaves with the next call."""
-        self._deliver(self.engine.receive(t_s, port, self._framers[port].receive(data)))
+        self.deliver(self.engine.receive(t_s, port, self._framers[port].receive(data)))
 
-    def _deliver(self, deliveries: list[Delivery]) -> None:
+    def framing(self, port: int) -> FramingCounters:
+        """Return what has become of the bytes that came through a port."""
+        return self._framers[port].counters
+
+    def deliver(self, deliveries: list[Delivery]) -> None:
+        """Take what the engine was made to send; what is for the autopilot leaves with the next call."""
         for port, frame in deliveries:
             if port == AUTOPILOT:
                 self._to_autopilot.append(frame)
