@@ -1,7 +1,7 @@
 """Output-error fit of a hooked load: least squares over segments, and intervals that survive coloured residuals."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from statistics import NormalDist
@@ -24,6 +24,8 @@ SCAN_FACTORS = np.geomspace(0.25, 4.0, 17)
 SCAN_SLOW_SHARE = 0.25
 """The longest of them swings at half the configured frequency."""
 CONFIDENCE = 0.95
+MODEL_STD = np.array([0.005, 0.0, 0.005, 0.0])
+"""What two point masses on a straight, massless cable leave out, of the length's logarithm and over the mass."""
 
 Progress = Callable[[float], None]
 """Gets the share that is done, 0..1."""
@@ -111,7 +113,7 @@ def fit(
     -----
     The deviations are those of a delete-one jackknife over segments (one Gauss-Newton step from the common minimum),
     with Student's t for as many segments: gusts, vibration and drag that the model does not have differ from segment
-    to segment, whatever their colour; but never below those of white residuals. B. Efron, The jackknife, the bootstrap
+    to segment, whatever their colour; but never below those of white residuals, and with `MODEL_STD` added. B. Efron, The jackknife, the bootstrap
     and other resampling plans (1982).
     """
     coarse = record.cut(hanging, length_m, PERIODS_MIN, SCAN_SLOW_SHARE)
@@ -134,6 +136,7 @@ def fit(
     progress(1.0)
     std = np.full(len(Shared), math.inf)
     std[free], residual_rms_n = _deviations(segments, shared, starts, free, cost)
+    std = np.hypot(std, MODEL_STD * np.array([1.0, 1.0, shared[Shared.MASS], 1.0]))
     return Fit(shared, std, student_quantile(len(segments) - 1), segments, starts, residual_rms_n)
 
 
@@ -143,13 +146,16 @@ def student_quantile(freedom: int, confidence: float = CONFIDENCE) -> float:
     M. Abramowitz, I. A. Stegun, Handbook of Mathematical Functions, 26.7.5.
     """
     x = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
+    quantile = x
     terms = (
         (x**3 + x) / 4.0,
         (5.0 * x**5 + 16.0 * x**3 + 3.0 * x) / 96.0,
         (3.0 * x**7 + 19.0 * x**5 + 17.0 * x**3 - 15.0 * x) / 384.0,
         (79.0 * x**9 + 776.0 * x**7 + 1482.0 * x**5 - 1920.0 * x**3 - 945.0 * x) / 92160.0,
     )
-    return x + sum(term / freedom**power for power, term in enumerate(terms, start=1))
+    for power, term in enumerate(terms, start=1):
+        quantile += term / float(freedom) ** power
+    return quantile
 
 
 def _cut(record: FlightRecord, hanging: Sequence[tuple[float, float]], length_m: float) -> list[Segment]:
@@ -227,7 +233,7 @@ class _Tangent:
         normal[np.diag_indices(4)] *= 1.0 + damping
         normal[np.diag_indices(4)] += 1e-12
         both = np.column_stack([self.by_shared, self.residual])
-        answer: FloatArray = np.linalg.solve(normal, self.by_start.T @ both)
+        answer = np.asarray(np.linalg.solve(normal, self.by_start.T @ both), dtype=np.float64)
         reduced = self.by_shared.T @ both - (self.by_shared.T @ self.by_start) @ answer
         return reduced[:, :-1], reduced[:, -1], answer
 
@@ -235,7 +241,7 @@ class _Tangent:
 def _minimise(
     segments: Sequence[Segment], shared: FloatArray, free: Sequence[int], iterations: int
 ) -> tuple[FloatArray, list[FloatArray], float]:
-    """Levenberg-Marquardt from loads at rest; each segment's start is eliminated, so the work grows with the flight only.
+    """Levenberg-Marquardt from loads at rest, each segment's start eliminated: the work grows as the flight.
 
     Returns
     -------
@@ -253,7 +259,8 @@ def _minimise(
             reduced = [tangent.without_start(damping) for tangent in tangents]
             information = np.sum([part[0] for part in reduced], axis=0)
             information[np.diag_indices(len(free))] *= 1.0 + damping
-            change = np.linalg.lstsq(information, np.sum([part[1] for part in reduced], axis=0))[0]
+            gradient = np.sum([part[1] for part in reduced], axis=0)
+            change: FloatArray = np.linalg.lstsq(information, gradient)[0]
             tried = shared.copy()
             tried[free] += change
             tried_starts = [
@@ -294,7 +301,9 @@ def _deviations(
     reduced = [tangent.without_start() for tangent in tangents]
     information = np.sum([part[0] for part in reduced], axis=0)
     # Each segment pays for its start and for what is slow.
-    count = sum(len(tangent.residual) - 4 - segment.slow.shape[1] for tangent, segment in zip(tangents, segments, strict=True))
+    count = sum(
+        len(tangent.residual) - 4 - segment.slow.shape[1] for tangent, segment in zip(tangents, segments, strict=True)
+    )
     variance = cost / max(count - len(free), 1)
     white = variance * np.diag(np.linalg.pinv(information))
     without = np.array([-np.linalg.lstsq(information - part, gradient)[0] for part, gradient, _ in reduced])

@@ -1,5 +1,6 @@
 """From the streams of a flight to the stretches over which a pendulum is fitted."""
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from swingd.model.events import Attitude, Imu, LocalPosition
 from swingd.model.parameters import Vehicle
 
 RATE_HZ = 25.0
-"""Of the samples that are fitted: each is the exact mean of the stream over its interval, whatever the stream's rate."""
+"""Of the samples that are fitted: each is the mean over its interval, whatever the stream's rate."""
 GAP_S = 0.15
 """Longest time without a sample of any stream that is bridged."""
 GAP_SAMPLES = 5.0
@@ -143,7 +144,7 @@ class FlightRecord:
         for begin_s, end_s in self._whole(hanging):
             count = int((end_s - begin_s) / (periods * period_s))
             edges_s = np.linspace(begin_s, end_s, count + 1) if count else np.empty(0)
-            segments += [self._segment(a, b, slow_share / period_s) for a, b in zip(edges_s[:-1], edges_s[1:], strict=True)]
+            segments += [self._segment(a, b, slow_share / period_s) for a, b in itertools.pairwise(edges_s.tolist())]
         return segments
 
     def _whole(self, stretches: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -155,7 +156,9 @@ class FlightRecord:
         parts = [(max(begin_s, first_s), min(end_s, last_s)) for begin_s, end_s in stretches]
         for lost_s, back_s in (gap for stream in streams for gap in stream.gaps()):
             parts = [
-                piece for begin_s, end_s in parts for piece in ((begin_s, min(end_s, lost_s)), (max(begin_s, back_s), end_s))
+                piece
+                for begin_s, end_s in parts
+                for piece in ((begin_s, min(end_s, lost_s)), (max(begin_s, back_s), end_s))
             ]
         return [(begin_s, end_s) for begin_s, end_s in parts if end_s > begin_s]
 

@@ -12,9 +12,11 @@ from swingd.link.router import AUTOPILOT
 from swingd.model.actions import Action, StatusText, SwingReport
 from swingd.model.errors import LogFormatError
 from swingd.model.estimate import ResetReason
-from swingd.model.events import Attitude, Event, Imu, Tick
+from swingd.model.events import Attitude, Event, Imu, LocalPosition, Tick
 from swingd.model.parameters import Parameters
 from swingd.pipeline import Pipeline
+from swingd.pipeline.payload_mass import MassEstimate
+from swingd.pipeline.payload_state import PayloadState
 from swingd.record.csv_log import read_csv_log
 from swingd.record.event_log import MAGIC, EventLogReader, RecordKind
 from swingd.record.tlog import TlogReader
@@ -32,11 +34,18 @@ Progress = Callable[[float], None]
 class Replay:
     """What came out of a log."""
 
+    parameters: Parameters
+    """Those of the pipeline at the start."""
     reports: list[SwingReport] = field(default_factory=list)
     texts: list[tuple[float, StatusText]] = field(default_factory=list)
     imu: list[Imu] = field(default_factory=list)
     """The inertial samples, for the baseline."""
     attitudes: list[Attitude] = field(default_factory=list)
+    positions: list[LocalPosition] = field(default_factory=list)
+    loads: list[tuple[float, PayloadState]] = field(default_factory=list)
+    """What became of the load, and when [s, boot time]; the first as the flight was found."""
+    weighing: MassEstimate | None = None
+    """The last weighing that gave a mass, else why there was none; None where no load hung."""
     truth: SwingTruth | None = None
     """The true swing, where the log itself holds it."""
     drops: dict[Drop, int] = field(default_factory=dict)
@@ -58,11 +67,30 @@ class Replay:
             self.texts.append((t_mono_s, action))
 
     def keep(self, event: Event) -> None:
-        """Keep an event that the baseline needs."""
+        """Keep an event that the baseline or an identification needs."""
         if isinstance(event, Imu):
             self.imu.append(event)
         elif isinstance(event, Attitude):
             self.attitudes.append(event)
+        elif isinstance(event, LocalPosition):
+            self.positions.append(event)
+
+    def watch(self, pipeline: Pipeline) -> None:
+        """Note what has become of the load."""
+        state, mass = pipeline.payload, pipeline.payload_mass
+        if self.reports and (not self.loads or self.loads[-1][1] is not state):
+            self.loads.append((self.reports[-1].t_boot_s, state))
+        known = self.weighing is not None and self.weighing.mass_kg is not None
+        if state.hangs and (mass.mass_kg is not None or not known):
+            self.weighing = mass
+
+    @property
+    def hanging(self) -> list[tuple[float, float]]:
+        """Begin and end of each time in which a load hangs, as far as the pipeline knows [s, boot time]."""
+        if not self.reports:
+            return []
+        ends_s = [t_s for t_s, _ in self.loads[1:]] + [self.reports[-1].t_boot_s]
+        return [(t_s, end_s) for (t_s, state), end_s in zip(self.loads, ends_s, strict=True) if state.hangs]
 
 
 def replay(
@@ -98,7 +126,7 @@ def replay(
     if head == MAGIC:
         return _replay_recording(path, parameters, decode_parameters, report)
     chosen = parameters or Parameters()
-    result = Replay()
+    result = Replay(chosen)
     if head[: len(_ULOG_MAGIC)] == _ULOG_MAGIC:
         events = list(read_ulog(path, chosen.thrust))
         pipeline = _run_events(result, chosen, events, len(events), report)
@@ -147,6 +175,7 @@ def _run_events(
         result.keep(event)
         for action in pipeline.step(event):
             result.see(now_s, action)
+        result.watch(pipeline)
         if count % _PROGRESS_EVERY == 0:
             progress(min(count / total, 1.0))
     progress(1.0)
@@ -161,8 +190,8 @@ def _replay_recording(
     With other parameters than the recording's nothing is compared.
     """
     reader = EventLogReader(path)
-    result = Replay()
-    engine = Engine(parameters or decode_parameters(reader.configuration), result.see)
+    result = Replay(parameters or decode_parameters(reader.configuration))
+    engine = Engine(result.parameters, result.see)
     framer = Framer()
     records = list(reader)
     result.unread_bytes = reader.tail_bytes
@@ -204,6 +233,8 @@ def _replay_recording(
                             f"frame {result.frames_sent} at {t_s:.3f} s: sent {record.frames.hex()}, "
                             f"replayed {answer.hex() or 'nothing'}"
                         )
+        if engine.has_joined:
+            result.watch(engine.pipeline)
         if count % _PROGRESS_EVERY == 0:
             progress(count / len(records))
     result.frames_differing += len(answers)

@@ -1,0 +1,6 @@
+"""Load mass, cable length, damping and drag from a flight, with the intervals that the flight allows."""
+
+from swingd.identify.identification import Identification, Known, Quantity, identify
+from swingd.identify.segments import FlightRecord
+
+__all__ = ["FlightRecord", "Identification", "Known", "Quantity", "identify"]
