@@ -144,12 +144,12 @@ class SwingEkf:
         self._coherence = _Coherence(self._mass_kg, self._payload_mass_kg, self._length_m)
         self._feigned_rad = COHERENT_SIGMAS * self._coherence.noise_rad(force_var)
         self._configured = (self._length_m, self._payload_mass_kg)
-        self._p_std = np.array([estimator.cable_length_std, estimator.payload_mass_std])
-        self._learned = np.zeros(NUM_PARAMETERS)
+        self._p_std = (estimator.cable_length_std, estimator.payload_mass_std)
+        self._learned = [0.0] * NUM_PARAMETERS
         """ln of length and mass over the configured ones, as learned."""
-        self._applied = np.zeros(NUM_PARAMETERS)
+        self._applied = [0.0] * NUM_PARAMETERS
         """The same, as the filter is run."""
-        self._P_p = np.diag(self._p_std**2)
+        self._P_p = np.diag(np.square(self._p_std))
         self._V = np.zeros((NUM_STATES, NUM_PARAMETERS))
         self._V_next = np.empty((NUM_STATES, NUM_PARAMETERS))
         self._innovation = np.empty(3)
@@ -211,10 +211,9 @@ class SwingEkf:
             h, H, self._x, self._force, self._mass_kg, self._payload_mass_kg, self._length_m
         )
         P = self._P + self._V @ self._P_p @ self._V.T
-        ratio = np.exp(self._learned).tolist()
-        std = np.sqrt(np.diag(self._P_p)).tolist()
-        length_m, payload_mass_kg = (configured * r for configured, r in zip(self._configured, ratio, strict=True))
-        learned = LearnedModel(length_m, length_m * std[0], payload_mass_kg, payload_mass_kg * std[1])
+        length_m, payload_mass_kg = (c * math.exp(p) for c, p in zip(self._configured, self._learned, strict=True))
+        length_std, payload_mass_std = (math.sqrt(self._P_p[i, i]) for i in ModelParameter)
+        learned = LearnedModel(length_m, length_m * length_std, payload_mass_kg, payload_mass_kg * payload_mass_std)
         return SwingEstimate(
             self._x.copy(), rate[:4], P, float(self._nis[0]), tension_n, learned, self._noise.inflation
         )
@@ -237,13 +236,13 @@ class SwingEkf:
         # A state that was assumed owes nothing to the model.
         self._V[:] = 0.0
         if reason not in KEEPS_MODEL:
-            self._learned[:] = 0.0
-            self._P_p[:] = np.diag(self._p_std**2)
-            self._apply(np.zeros(NUM_PARAMETERS))
+            self._learned = [0.0] * NUM_PARAMETERS
+            self._P_p = np.diag(np.square(self._p_std))
+            self._apply([0.0] * NUM_PARAMETERS)
 
     def _learn(self, acc_mps2: FloatArray, dt_s: float, thrust_known: bool) -> None:
         """Let noise and model follow the innovation of this interval, before the state does."""
-        relative = self._learned - self._applied
+        relative = np.array([p - applied for p, applied in zip(self._learned, self._applied, strict=True)])
         P_p = self._P_p.copy()
         status = parameter_kernels.learn(
             relative,
@@ -267,16 +266,15 @@ class SwingEkf:
         self._weigh(dt_s)
         if status == Status.GATED or not thrust_known:
             return
-        for i in range(NUM_PARAMETERS):
-            # What is not exact opens again slowly, up to what it was at the start.
-            P_p[i, i] = min(P_p[i, i] + PARAMETER_WALK**2 * dt_s, self._p_std[i] ** 2)
         self._P_p = P_p
-        self._learned = np.clip(self._applied + relative, -PARAMETER_MAX, PARAMETER_MAX)
-        acted_on = np.array(
-            [trusted(p, feigned) for p, feigned in zip(self._learned.tolist(), PARAMETER_FEIGNED, strict=True)]
-        )
-        self._x += self._V @ (acted_on - self._applied)
-        self._apply(acted_on)
+        for i, std in enumerate(self._p_std):
+            # What is not exact opens again slowly, up to what it was at the start.
+            P_p[i, i] = min(P_p[i, i] + PARAMETER_WALK**2 * dt_s, std**2)
+            self._learned[i] = min(max(self._applied[i] + relative[i], -PARAMETER_MAX), PARAMETER_MAX)
+        acted_on = [trusted(p, feigned) for p, feigned in zip(self._learned, PARAMETER_FEIGNED, strict=True)]
+        if acted_on != self._applied:
+            self._x += self._V @ np.subtract(acted_on, self._applied)
+            self._apply(acted_on)
 
     def _weigh(self, dt_s: float) -> None:
         """Choose the noise with which the model is learned from what it has left unexplained lately.
@@ -291,7 +289,7 @@ class SwingEkf:
         blend = dt_s / (dt_s + MISFIT_MEMORY_S)
         self._misfit += blend * (2.0 * MISFIT_LASTS_S * variance / 3.0 - self._misfit)
 
-    def _apply(self, parameters: FloatArray) -> None:
+    def _apply(self, parameters: list[float]) -> None:
         """Run the filter with these logarithms of length and mass over the configured ones."""
         self._applied = parameters
         self._length_m = self._configured[ModelParameter.LENGTH] * math.exp(parameters[ModelParameter.LENGTH])
