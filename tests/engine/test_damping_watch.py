@@ -100,6 +100,19 @@ def test_a_reversed_axis_never_makes_the_swing_worse(
     assert flight.correction_mps2().any() == np.False_
 
 
+@pytest.mark.parametrize("step", STEPS)
+def test_an_axis_that_is_reversed_from_the_beginning_never_makes_the_swing_worse(
+    taken_off: Flight, uncorrected_deg: dict[Vec3, float], step: Vec3
+) -> None:
+    """The first command comes a second after the correction has begun."""
+    flight = taken_off.fork()
+    flight.reference = (0.0, 0.0, 0.0)
+    flight.deliver = Reversed(flight)
+    flight.enter_offboard().run(1.0)
+    assert step_peak_deg(flight, step) < 1.2 * uncorrected_deg[step]
+    assert not flight.engine.pipeline.correcting
+
+
 def test_a_diagonal_step_right_after_the_reversal_is_no_worse(
     hovering: Callable[[], Flight], uncorrected_deg: dict[Vec3, float]
 ) -> None:
