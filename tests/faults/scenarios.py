@@ -21,6 +21,7 @@ LEGS = ((0.0, (2.0, -1.0, 0.0)), (3.0, (0.0, 0.0, 0.0)), (5.5, (-1.5, 1.0, 0.0))
 FAULT_S = 1.5
 """When the fault begins: within the first swing."""
 END_S = 10.0
+LAP_S = 11.0
 WINDOW_S = 1.0
 FADED_MPS2 = 0.05
 KEPT_MPS2 = 0.3
@@ -84,15 +85,17 @@ def blown(**simulation: float) -> Parameters:
     return replace(parameters, vehicle=replace(parameters.vehicle, drag_n_per_mps=0.35))
 
 
-def fly(flight: Flight, faults: Iterable[str] = (), *, corrected: bool = True) -> "Record":
-    """Fly the manoeuvre on a copy; the times of the faults count from `FAULT_S`."""
+def fly(flight: Flight, faults: Iterable[str] = (), *, corrected: bool = True, laps: int = 1) -> "Record":
+    """Fly the manoeuvre on a copy, again and again for several laps; the times of the faults count from `FAULT_S`."""
     flight = flight.fork()
     begin_s = flight.t_s
     if not corrected:
         flight.engine.switch_correction(begin_s, False)
     flight.peer.faults.inject(*(parse_fault(fault).after(begin_s + FAULT_S) for fault in faults))
-    record = Record(flight, begin_s, dict(flight.engine.pipeline.resets))
-    for (_, vel_ned_mps), until_s in zip(LEGS, [*(start_s for start_s, _ in LEGS[1:]), END_S], strict=True):
+    legs = [(lap * LAP_S + start_s, vel_ned_mps) for lap in range(laps) for start_s, vel_ned_mps in LEGS]
+    end_s = (laps - 1) * LAP_S + END_S
+    record = Record(flight, begin_s, end_s, dict(flight.engine.pipeline.resets))
+    for (_, vel_ned_mps), until_s in zip(legs, [*(start_s for start_s, _ in legs[1:]), end_s], strict=True):
         flight.reference = vel_ned_mps
         record.run_until(begin_s + until_s)
     return record
@@ -101,9 +104,11 @@ def fly(flight: Flight, faults: Iterable[str] = (), *, corrected: bool = True) -
 class Record:
     """A flight and what was noted of it."""
 
-    def __init__(self, flight: Flight, begin_s: float, resets: dict[ResetReason, int]) -> None:
+    def __init__(self, flight: Flight, begin_s: float, end_s: float, resets: dict[ResetReason, int]) -> None:
         self.flight = flight
         self.begin_s = begin_s
+        self.end_s = end_s
+        """Since the beginning."""
         self.healths: list[tuple[float, Health]] = []
         self.offboard = True
         self._resets = resets
@@ -135,7 +140,7 @@ class Record:
     def settled_s(self, end_s: float) -> float:
         settled_s = 0.0
         begin_s = end_s
-        while begin_s + WINDOW_S <= END_S + 1e-9:
+        while begin_s + WINDOW_S <= self.end_s + 1e-9:
             rmse_deg = self.rmse_deg(begin_s, begin_s + WINDOW_S)
             if not rmse_deg <= 2.0 * NORMAL_DEG:
                 settled_s = begin_s + 0.25 - end_s
@@ -157,7 +162,7 @@ def outcome(record: Record, uncorrected: Record, duration_s: float) -> Outcome:
     return Outcome(
         finite=finite(flight.reports),
         during_deg=record.rmse_deg(FAULT_S, end_s),
-        after_deg=record.rmse_deg(END_S - 2.0, END_S),
+        after_deg=record.rmse_deg(record.end_s - 2.0, record.end_s),
         settled_s=record.settled_s(end_s),
         healths=frozenset(health for t_s, health in record.healths if t_s > FAULT_S),
         healthy_s=max(0.0, max(ill_s, default=0.0) - end_s),

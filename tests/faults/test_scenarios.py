@@ -49,6 +49,8 @@ class Promise:
     """Whether the autopilot may leave OFFBOARD meanwhile."""
     moves_vehicle: bool = False
     """Whether the uncorrected flight must be flown under the fault as well."""
+    laps: int = 1
+    """How often the manoeuvre is flown, where it takes long until the error is normal again."""
     fails: str | None = None
     """Where the promise is not kept: what was measured."""
 
@@ -120,9 +122,12 @@ PROMISES = [
         resets=(ResetReason.GAP,),
         failsafe=True,
     ),
-    Promise("acc_bias 0.5", 3.0, settled_s=3.0, during_deg=5.0),
-    Promise("vibration 10", 3.0, settled_s=3.0, during_deg=5.0, healthy_s=3.0),
-    Promise("vibration 30", 3.0, settled_s=3.0, healthy_s=3.0),
+    # As much as a load on a cable that leans by 20 deg.
+    Promise("acc_bias 0.5", 3.0, settled_s=14.0, during_deg=5.0, correction=Correction.KEPT, worst=(), laps=2),
+    Promise("vibration 7", 3.0, settled_s=2.0, during_deg=1.5, correction=Correction.KEPT, worst=()),
+    # Aliases of the rotors' lines near zero frequency weigh as much as the load.
+    Promise("vibration 10", 3.0, settled_s=6.0, healthy_s=3.0, resets=LOST_AND_FOUND),
+    Promise("vibration 30", 3.0, settled_s=6.0, healthy_s=3.0, resets=LOST_AND_FOUND),
     Promise("sag 0.05", 3.0, settled_s=3.0, during_deg=2.0, worst=(Health.DEGRADED,)),
     # Its end is 0.24 kg less within a tenth of a second, of a load of 0.3 kg: nothing tells that from a release.
     Promise("sag 0.1", 3.0, settled_s=5.0, during_deg=2.0, healthy_s=6.0, resets=LOST_AND_FOUND),
@@ -139,7 +144,7 @@ PROMISES = [
     Promise("clock -15", 3.0, settled_s=3.0, healthy_s=3.0, resets=(ResetReason.CLOCK,), reaches=Health.INIT),
     Promise("clock 50", 3.0, settled_s=3.0, healthy_s=3.0, resets=(ResetReason.CLOCK,), reaches=Health.INIT),
     Promise("slack 3", 0.1, settled_s=2.0, healthy_s=3.5, resets=LOST_AND_FOUND, moves_vehicle=True),
-    Promise("power 0.5", 0.4, settled_s=3.0, healthy_s=3.5, resets=LOST_AND_FOUND, moves_vehicle=True),
+    Promise("power 0.5", 0.4, settled_s=18.0, healthy_s=3.5, resets=LOST_AND_FOUND, moves_vehicle=True, laps=2),
 ]
 
 
@@ -190,7 +195,7 @@ def test_the_unspoiled_flight(unspoiled: Record, uncorrected: Record) -> None:
 def test_under_a_fault_what_is_promised_holds(calm: Flight, uncorrected: Record, promise: Promise) -> None:
     faults = [f"{promise.fault} 0..{promise.duration_s}"]
     twin = fly(calm, faults, corrected=False) if promise.moves_vehicle else uncorrected
-    hold_to(promise, fly(calm, faults), twin)
+    hold_to(promise, fly(calm, faults, laps=promise.laps), twin)
 
 
 GUSTS = Promise("gust 12", 4.0, settled_s=4.0, healthy_s=3.0)
@@ -246,10 +251,10 @@ def wrong(mass: float, length: float) -> Parameters:
 
 
 @pytest.mark.parametrize(("mass", "length"), [(0.8, 1.0), (1.2, 1.0), (1.0, 0.8), (1.0, 1.2)])
-@pytest.mark.xfail(strict=False, reason="cable and load are being learned: not settled yet")
 def test_a_load_or_cable_wrong_by_a_fifth_at_most_doubles_the_error(
     unspoiled: Record, mass: float, length: float
 ) -> None:
     flight = hovering(hold(), wrong(mass, length))
     record = fly(flight)
+    print(f"\nload x {mass:g}, cable x {length:g}: error {record.rmse_deg(0.0, 10.0):.2f} deg")
     assert record.rmse_deg(0.0, 10.0) <= 2.0 * unspoiled.rmse_deg(0.0, 10.0)
