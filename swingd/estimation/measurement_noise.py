@@ -32,7 +32,7 @@ class MeasurementNoise:
     def __init__(self, R_diag: FloatArray, density_max: float) -> None:
         self._floor: list[float] = R_diag.tolist()
         self._ceiling = [max(floor, density_max) for floor in self._floor]
-        self._began = False
+        self._last: list[list[float]] = []
         self.slow = [0.0] * 3
         """What is slow of the innovation, level frame [m/s^2]."""
         self._density = [0.0] * 3
@@ -47,7 +47,7 @@ class MeasurementNoise:
 
     def restart(self) -> None:
         """The filter began anew: its innovation jumps, the vibration stays."""
-        self._began = False
+        self._last = []
 
     def update(self, innovation: FloatArray, dt_s: float) -> None:
         """Take the innovation of one interval, also of one that the gate will leave out.
@@ -60,9 +60,11 @@ class MeasurementNoise:
             The interval [s].
         """
         values: list[float] = innovation.tolist()
-        if not self._began:
-            self._began, self.slow = True, values
+        if not self._last:
+            self._last, self.slow = [values, values], values.copy()
             return
+        before, last = self._last
+        self._last = [last, values]
         blend = dt_s / (dt_s + MEMORY_S)
         follow = -math.expm1(-2.0 * math.pi * SLOW_HZ * dt_s)
         for i, value in enumerate(values):
@@ -70,7 +72,8 @@ class MeasurementNoise:
             share = (1.0 - 0.5 * follow) * dt_s
             limit = math.sqrt(SURPRISE_MAX * max(self._density[i], self._floor[i]) / share)
             fast = value - self.slow[i]
-            self.slow[i] += follow * fast
+            # The median: one outlier must not pass for a long and slow error.
+            self.slow[i] += follow * (sorted((before[i], last[i], value))[1] - self.slow[i])
             fast = min(max(fast, -limit), limit)
             self._density[i] += blend * (share * fast * fast - self._density[i])
             self.R_diag[i] = min(max(self._density[i] - CHANCE * self._floor[i], self._floor[i]), self._ceiling[i])
