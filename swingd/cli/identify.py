@@ -72,14 +72,13 @@ def _as_json(log: Path, found: "Identification") -> dict[str, Any]:
     return {
         "log": str(log),
         "hanging_s": found.hanging_s,
-        "swing_rms_deg": math.degrees(found.swing_rms_rad),
+        "swing_rms_deg": None if found.fit is None else math.degrees(found.fit.swing_rms_rad),
         "segments": 0 if found.fit is None else len(found.fit.segments),
         "residual_rms_n": None if found.fit is None else found.fit.residual_rms_n,
         "mass": plain(found.mass),
         "weighed_mass": plain(found.weighed_mass),
         "length": plain(found.length),
         "damping": plain(found.damping),
-        "drag": plain(found.drag),
         "contradiction": found.contradiction or None,
         "yaml": found.yaml(),
     }
@@ -106,7 +105,8 @@ def _print(found: "Identification") -> None:
             quantity.note + ("; the configured value is outside" if quantity.agrees is False else ""),
         )
     console.print(table)
-    typer.echo(f"{found.hanging_s:.0f} s with a load, swing {math.degrees(found.swing_rms_rad):.1f} deg RMS")
+    swing = "" if found.fit is None else f", swing {math.degrees(found.fit.swing_rms_rad):.1f} deg RMS"
+    typer.echo(f"{found.hanging_s:.0f} s with a load{swing}")
     if found.contradiction:
         typer.echo(found.contradiction)
     if found.yaml():

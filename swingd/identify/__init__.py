@@ -1,4 +1,4 @@
-"""Load mass, cable length, damping and drag from a flight, with the intervals that the flight allows."""
+"""Load mass, cable length and damping from a flight, with the intervals that the flight allows."""
 
 from swingd.identify.identification import Identification, Known, Quantity, identify
 from swingd.identify.segments import FlightRecord

@@ -1,12 +1,20 @@
-"""What a flight tells of load, cable and drag, and what it does not."""
+"""What a flight tells of load and cable, and what it does not."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
-from swingd.identify.fit import PERIODS_MIN, SEGMENTS_MIN, Fit, Progress, Shared, fit, student_quantile
+from swingd.core.constants import GRAVITY_MPS2
+from swingd.identify.fit import (
+    PERIODS_MIN,
+    SCAN_FACTORS,
+    SEGMENTS_MIN,
+    Fit,
+    Progress,
+    Shared,
+    fit,
+    student_quantile,
+)
 from swingd.identify.segments import FlightRecord
 from swingd.model.parameters import Parameters
 from swingd.pipeline.payload_mass import MassEstimate
@@ -19,6 +27,10 @@ HALF_WIDTH_MAX = 0.3
 """A value whose interval reaches further to one side, as a share of it, is not known."""
 DAMPING_HALF_WIDTH_MAX = 0.03
 """The same for the damping ratio, which may be zero."""
+SWING_RMS_MIN_RAD = math.radians(1.0)
+"""Below it errors of attitude and gyro pass for swing."""
+PULL_OVER_RESIDUAL_MIN = 1.0
+"""A pull that is less than this times what is left is no load's."""
 WEIGHING_FREEDOM = 24
 """Of a weighing: the blocks of quiet flight that it averages."""
 
@@ -68,18 +80,14 @@ class Identification:
     length: Quantity
     """From the hook to the load's centre of mass, as the swing's frequency shows it."""
     damping: Quantity
-    drag: Quantity
-    """Of the vehicle across its thrust."""
     fit: Fit | None
-    swing_rms_rad: float
-    """Angle of the cable from the vertical, as fitted; 0 without a fit."""
     hanging_s: float
     """For how long a load hung."""
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
         """All of them."""
-        return self.mass, self.weighed_mass, self.length, self.damping, self.drag
+        return self.mass, self.weighed_mass, self.length, self.damping
 
     @property
     def best_mass(self) -> Quantity:
@@ -104,7 +112,7 @@ class Identification:
     def yaml(self) -> str:
         """Return what is known as lines for a configuration."""
         lines = []
-        for quantity in (self.best_mass, self.length, self.damping, self.drag):
+        for quantity in (self.best_mass, self.length, self.damping):
             if quantity.known is not None:
                 room, key = quantity.key.split(".")
                 value, low, high = (
@@ -121,7 +129,7 @@ def identify(
     weighing: MassEstimate | None = None,
     progress: Progress = lambda _share: None,
 ) -> Identification:
-    """Tell load mass, cable length, damping ratio and drag from a flight.
+    """Tell load mass, cable length and damping ratio from a flight.
 
     Parameters
     ----------
@@ -141,93 +149,76 @@ def identify(
     swinging = [(begin_s, end_s) for begin_s, end_s in swinging if end_s > begin_s]
     hanging_s = sum(end_s - begin_s for begin_s, end_s in swinging)
     best = fit(record, swinging, parameters.cable.length_m, parameters.payload.mass_kg, progress)
-    if best is None:
-        period_s = 2.0 * math.pi * math.sqrt(parameters.cable.length_m / 9.81)
-        silent = (
-            f"a load hung for {hanging_s:.0f} s without a gap in the streams; "
-            f"expected {SEGMENTS_MIN * PERIODS_MIN:.0f} periods, here {SEGMENTS_MIN * PERIODS_MIN * period_s:.0f} s"
-        )
-        reasons = dict.fromkeys(Shared, silent)
-        values: dict[Shared, Known | None] = dict.fromkeys(Shared)
-        swing_rms_rad = 0.0
-    else:
-        swing_rms_rad = math.sqrt(_mean_square([best.swing_rad(index) for index in range(len(best.segments))]))
-        values, reasons = _judge(best, swing_rms_rad, record.has_velocity)
-    vehicle = parameters.vehicle
+    told = _silence(hanging_s, parameters.cable.length_m) if best is None else _judge(best, parameters.cable.length_m)
+
+    def quantity(name: str, key: str, unit: str, configured: float, index: Shared) -> Quantity:
+        return Quantity(name, key, unit, configured, *told[index])
+
+    load, cable, estimator = parameters.payload, parameters.cable, parameters.estimator
     return Identification(
-        Quantity(
-            "load mass by swing",
-            "payload.mass_kg",
-            "kg",
-            parameters.payload.mass_kg,
-            values[Shared.MASS],
-            reasons[Shared.MASS],
+        mass=quantity("load mass by swing", "payload.mass_kg", "kg", load.mass_kg, Shared.MASS),
+        weighed_mass=_weighed(weighing, load.mass_kg),
+        length=quantity("cable length", "cable.length_m", "m", cable.length_m, Shared.LOG_LENGTH),
+        damping=quantity(
+            "damping ratio", "estimator.damping_ratio", "1", estimator.damping_ratio, Shared.DAMPING_RATIO
         ),
-        _weighed(weighing, parameters.payload.mass_kg),
-        Quantity(
-            "cable length",
-            "cable.length_m",
-            "m",
-            parameters.cable.length_m,
-            values[Shared.LOG_LENGTH],
-            reasons[Shared.LOG_LENGTH],
-        ),
-        Quantity(
-            "damping ratio",
-            "estimator.damping_ratio",
-            "1",
-            parameters.estimator.damping_ratio,
-            values[Shared.DAMPING_RATIO],
-            reasons[Shared.DAMPING_RATIO],
-        ),
-        Quantity(
-            "vehicle's drag",
-            "vehicle.drag_n_per_mps",
-            "N/(m/s)",
-            vehicle.drag_n_per_mps,
-            values[Shared.DRAG],
-            reasons[Shared.DRAG],
-        ),
-        best,
-        swing_rms_rad,
-        hanging_s,
+        fit=best,
+        hanging_s=hanging_s,
     )
 
 
-def _judge(best: Fit, swing_rms_rad: float, has_velocity: bool) -> tuple[dict[Shared, Known | None], dict[Shared, str]]:
+_Told = dict[Shared, tuple[Known | None, str]]
+"""What is known, and how it was found or why it is not."""
+_TOLD = (Shared.MASS, Shared.LOG_LENGTH, Shared.DAMPING_RATIO)
+
+
+def _silence(hanging_s: float, length_m: float) -> _Told:
+    """Say that the flight is too short."""
+    needed_s = SEGMENTS_MIN * PERIODS_MIN * 2.0 * math.pi * math.sqrt(length_m / GRAVITY_MPS2)
+    reason = (
+        f"a load hung for {hanging_s:.0f} s; expected {needed_s:.0f} s without gaps in IMU, attitude and position "
+        f"({SEGMENTS_MIN * PERIODS_MIN:.0f} periods)"
+    )
+    return dict.fromkeys(_TOLD, (None, reason))
+
+
+def _judge(best: Fit, configured_m: float) -> _Told:
     """Take what the fit tells well enough; give a reason for the rest."""
     reach = best.quantile * best.std
-    low, value, high = (best.shared + sign * reach for sign in (-1.0, 0.0, 1.0))
-    told: dict[Shared, Known | None] = {
-        index: Known(max(float(value[index]), 0.0), max(float(low[index]), 0.0), max(float(high[index]), 0.0))
-        for index in (Shared.DAMPING_RATIO, Shared.MASS, Shared.DRAG)
+    value, low, high = (best.shared + sign * reach for sign in (0.0, -1.0, 1.0))
+    swing = f"too little swing ({math.degrees(best.swing_rms_rad):.1f} deg RMS)"
+    pull_n = best.shared[Shared.MASS] * GRAVITY_MPS2 * best.swing_rms_rad
+    if best.swing_rms_rad < SWING_RMS_MIN_RAD:
+        return dict.fromkeys(_TOLD, (None, swing))
+    if pull_n < PULL_OVER_RESIDUAL_MIN * best.residual_rms_n:
+        reason = f"no load is felt: its pull of {pull_n:.2g} N RMS is below what is left, {best.residual_rms_n:.2g} N"
+        return dict.fromkeys(_TOLD, (None, reason))
+    if not SCAN_FACTORS[0] < best.length_m / configured_m < SCAN_FACTORS[-1]:
+        reason = f"the best fit, {best.length_m:.2g} m, is beyond a quarter to four times the configured length"
+        return dict.fromkeys(_TOLD, (None, reason))
+    if best.contradiction > 1.0:
+        reason = (
+            f"two ways to weigh the residual give {best.length_m:.3g} and {best.plain_length_m:.3g} m: "
+            "stamps, streams or model are not right"
+        )
+        return dict.fromkeys(_TOLD, (None, reason))
+    known = {
+        Shared.MASS: Known(*(max(float(bound[Shared.MASS]), 0.0) for bound in (value, low, high))),
+        Shared.LOG_LENGTH: Known(*(math.exp(min(bound[Shared.LOG_LENGTH], 20.0)) for bound in (value, low, high))),
+        Shared.DAMPING_RATIO: Known(*(max(float(bound[Shared.DAMPING_RATIO]), 0.0) for bound in (value, low, high))),
     }
-    length = Known(*(math.exp(min(bounds[Shared.LOG_LENGTH], 20.0)) for bounds in (value, low, high)))
-    told[Shared.LOG_LENGTH] = length
-    reasons = dict.fromkeys(Shared, f"{len(best.segments)} segments, residual {best.residual_rms_n:.2g} N RMS")
-    swing = f"too little swing ({math.degrees(swing_rms_rad):.1f} deg RMS)"
     limits = {
-        Shared.MASS: HALF_WIDTH_MAX * value[Shared.MASS],
-        Shared.LOG_LENGTH: HALF_WIDTH_MAX * length.value,
+        Shared.MASS: HALF_WIDTH_MAX * known[Shared.MASS].value,
+        Shared.LOG_LENGTH: HALF_WIDTH_MAX * known[Shared.LOG_LENGTH].value,
         Shared.DAMPING_RATIO: DAMPING_HALF_WIDTH_MAX,
-        Shared.DRAG: HALF_WIDTH_MAX * value[Shared.DRAG],
     }
-    for index, limit in limits.items():
-        known = told[index]
-        assert known is not None
-        if not known.half_width <= limit:
-            cause = "too little motion through the air" if index is Shared.DRAG else swing
-            told[index] = None
-            reasons[index] = f"{cause}: 95 % from {known.low:.2g} to {known.high:.2g}"
-    if told[Shared.MASS] is None:
-        # Length and damping of a pull that is not there would be those of noise.
-        for index in (Shared.LOG_LENGTH, Shared.DAMPING_RATIO):
-            told[index] = None
-            reasons[index] = f"{swing}: the load's pull does not stand out"
-    if not has_velocity:
-        told[Shared.DRAG] = None
-        reasons[Shared.DRAG] = "no velocity in the log (LOCAL_POSITION_NED)"
-    return told, reasons
+    how = f"{len(best.segments)} segments, {best.residual_rms_n:.2g} N left"
+    return {
+        index: (known[index], how)
+        if known[index].half_width <= limit
+        else (None, f"{swing}: 95 % from {known[index].low:.2g} to {known[index].high:.2g}")
+        for index, limit in limits.items()
+    }
 
 
 def _weighed(weighing: MassEstimate | None, configured_kg: float) -> Quantity:
@@ -238,7 +229,3 @@ def _weighed(weighing: MassEstimate | None, configured_kg: float) -> Quantity:
             reach_kg = student_quantile(WEIGHING_FREEDOM) * weighing.std_kg
             known = Known(weighing.mass_kg, weighing.mass_kg - reach_kg, weighing.mass_kg + reach_kg)
     return Quantity("load mass by hover thrust", "payload.mass_kg", "kg", configured_kg, known, reason)
-
-
-def _mean_square(parts: Sequence[np.ndarray]) -> float:
-    return float(np.mean(np.concatenate(parts) ** 2))

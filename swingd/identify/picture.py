@@ -9,7 +9,7 @@ from swingd.identify.identification import Identification
 
 
 def draw(identification: Identification, title: str, path: Path) -> None:
-    """Write a picture: force across the thrust measured and fitted, on both axes, what is left, and the swing.
+    """Write a picture: force across the thrust measured and fitted, what is left, and the swing.
 
     Without a fit the picture says why.
     """
@@ -41,8 +41,8 @@ def draw(identification: Identification, title: str, path: Path) -> None:
         for axis_ in axes[:3]:
             axis_.legend(loc="upper right", ncols=2, fontsize="small")
         axes[0].set_title(
-            f"force across the thrust's axis; swing {math.degrees(identification.swing_rms_rad):.1f} deg RMS, "
-            f"residual {fit.residual_rms_n:.2g} N RMS",
+            f"force across the thrust's axis; swing {math.degrees(fit.swing_rms_rad):.1f} deg RMS, "
+            f"{fit.residual_rms_n:.2g} N RMS left",
             fontsize="medium",
         )
         axes[-1].set_xlabel("autopilot's boot time [s]")

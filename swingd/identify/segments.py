@@ -19,8 +19,6 @@ GAP_S = 0.15
 """Longest time without a sample of any stream that is bridged."""
 GAP_SAMPLES = 5.0
 """The same, in usual intervals of the stream."""
-SLOW_SHARE = 0.5
-"""Forces slower than this share of the pendulum's frequency are left to the wind and the accelerometer's bias."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,18 +35,11 @@ class Segment:
     """(n, 2, 3) rotation of level components to body x and y."""
     side_vel_frd_mps: FloatArray
     """(n, 2) velocity over ground along body x and y; zero where the log has none."""
-    slow: FloatArray
-    """(2 n, k) orthonormal basis of what is too slow for a swing, of the flattened side force."""
 
     @property
     def dt_s(self) -> float:
         """Between samples."""
         return 1.0 / RATE_HZ
-
-    def swift(self, values: FloatArray) -> FloatArray:
-        """Return the part of (2 n, ...) values that is fast enough for a swing."""
-        kept: FloatArray = values - self.slow @ (self.slow.T @ values)
-        return kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +114,7 @@ class FlightRecord:
             turned = np.einsum("nij,nj->ni", self._level_from_frd(acc.t_s), hook)
             self._hook_level = _Stream(acc.t_s, turned)
 
-    def cut(
-        self, hanging: Iterable[tuple[float, float]], length_m: float, periods: float, slow_share: float = SLOW_SHARE
-    ) -> list[Segment]:
+    def cut(self, hanging: Iterable[tuple[float, float]], length_m: float, periods: float) -> list[Segment]:
         """Cut the time in which the load hangs into segments.
 
         Parameters
@@ -136,15 +125,13 @@ class FlightRecord:
             Cable, whose period is the measure.
         periods : float
             Shortest segment in periods of the pendulum; a shorter stretch is left out.
-        slow_share : float
-            Share of the pendulum's frequency below which forces are left to wind and bias.
         """
         period_s = 2.0 * math.pi * math.sqrt(length_m / GRAVITY_MPS2)
         segments = []
         for begin_s, end_s in self._whole(hanging):
             count = int((end_s - begin_s) / (periods * period_s))
             edges_s = np.linspace(begin_s, end_s, count + 1) if count else np.empty(0)
-            segments += [self._segment(a, b, slow_share / period_s) for a, b in itertools.pairwise(edges_s.tolist())]
+            segments += [self._segment(a, b) for a, b in itertools.pairwise(edges_s.tolist())]
         return segments
 
     def _whole(self, stretches: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -162,7 +149,7 @@ class FlightRecord:
             ]
         return [(begin_s, end_s) for begin_s, end_s in parts if end_s > begin_s]
 
-    def _segment(self, begin_s: float, end_s: float, slow_hz: float) -> Segment:
+    def _segment(self, begin_s: float, end_s: float) -> Segment:
         edges_s = begin_s + np.arange(int((end_s - begin_s) * RATE_HZ) + 1) / RATE_HZ
         t_s = 0.5 * (edges_s[1:] + edges_s[:-1])
         side_from_level = np.ascontiguousarray(self._level_from_frd(t_s)[:, :, :2].transpose(0, 2, 1))
@@ -173,7 +160,6 @@ class FlightRecord:
             side_force_frd_n=self._mass_kg * self._centre_frd.means(edges_s)[:, :2],
             side_from_level=side_from_level,
             side_vel_frd_mps=np.einsum("nij,nj->ni", side_from_level, velocity),
-            slow=_slow(side_from_level, slow_hz),
         )
 
     def _level_from_frd(self, t_s: FloatArray) -> FloatArray:
@@ -198,13 +184,3 @@ def _stream(samples: Iterable[tuple[float, Sequence[float]]]) -> _Stream:
 def _point_acceleration(gyro: FloatArray, gyro_rate: FloatArray, point: FloatArray) -> FloatArray:
     """Acceleration of a body-fixed point relative to the centre of gravity, body axes."""
     return np.asarray(np.cross(gyro_rate, point) + np.cross(gyro, np.cross(gyro, point)))
-
-
-def _slow(side_from_level: FloatArray, slow_hz: float) -> FloatArray:
-    """Cosines up to a frequency along both level axes, as the body feels them, orthonormal."""
-    count = len(side_from_level)
-    harmonics = np.arange(int(2.0 * slow_hz * count / RATE_HZ) + 1)
-    cosines = np.cos(np.pi * np.outer((np.arange(count) + 0.5) / count, harmonics))
-    columns = side_from_level[:, :, :2, None] * cosines[:, None, None, :]
-    basis: FloatArray = np.linalg.qr(columns.reshape(2 * count, -1))[0]
-    return basis
