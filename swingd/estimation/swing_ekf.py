@@ -35,7 +35,7 @@ PARAMETER_MAX = math.log(1.6)
 """Length and mass are learned within this of the configured ones, as a logarithm."""
 PARAMETER_WALK = 0.001
 """Random walk of what was learned [1/sqrt(s)]: a hundredth of it is open again after some minutes."""
-PARAMETER_FEIGNED = (0.01, 0.07)
+PARAMETER_FEIGNED = (0.01, 0.04)
 """Differences of length and mass that errors of thrust, stamps and drag feign: up to here what was configured stays."""
 MISFIT_LASTS_S = 0.5
 """Correlation time of what thrust, attitude and model leave unexplained."""
