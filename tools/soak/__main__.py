@@ -5,9 +5,9 @@ of memory, file handles, latency and health.
     python -m tools.soak --hours 1 --seed 7 --lanes 1
 
 The whole engine flies against the simulated autopilot in virtual time; every second lane is an ArduPilot. A lane is
-flown again by its seed, printed with whatever it broke. The picture and the figures lie in out/soak. Exit code 1: an
-exception, a number that is not finite, a setpoint after the application went silent, a correction that nothing allows,
-memory or file handles that grow. 2: wrong usage.
+flown again by its seed, printed with whatever it broke. The picture and the figures lie in out/soak, also of what was
+flown before an interrupt. Exit code 1: not flown to the end, an exception, a number that is not finite, a setpoint
+after the application went silent, a correction that nothing allows, memory or file handles that grow. 2: wrong usage.
 """
 
 import argparse
@@ -20,10 +20,12 @@ from dataclasses import asdict
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from time import perf_counter
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 import swingd
 
@@ -77,6 +79,8 @@ def fly_all(seed: int, count: int, duration_s: float) -> list[Lane]:
     lanes = [lane for _, lane in jobs.values()]
     try:
         _gather(jobs, count * duration_s)
+    except KeyboardInterrupt:
+        print("tools.soak: interrupted; what was flown so far:", file=sys.stderr)
     finally:
         for process, _ in jobs.values():
             process.terminate()
@@ -84,6 +88,7 @@ def fly_all(seed: int, count: int, duration_s: float) -> list[Lane]:
 
 
 def _gather(jobs: dict[Connection, tuple[BaseProcess, Lane]], total_s: float) -> None:
+    begin_s = perf_counter()
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
         task = progress.add_task(f"{total_s / 3600.0:.3g} h of flight", total=total_s)
@@ -92,7 +97,7 @@ def _gather(jobs: dict[Connection, tuple[BaseProcess, Lane]], total_s: float) ->
                 assert isinstance(connection, Connection)
                 process, lane = jobs[connection]
                 try:
-                    _take(lane, connection.recv(), lambda flown_s: progress.update(task, advance=flown_s))
+                    _take(lane, connection.recv(), begin_s, lambda flown_s: progress.update(task, advance=flown_s))
                 except EOFError:
                     process.join()
                     if process.exitcode:
@@ -102,14 +107,17 @@ def _gather(jobs: dict[Connection, tuple[BaseProcess, Lane]], total_s: float) ->
                     del jobs[connection]
 
 
-def _take(lane: Lane, told: object, advance: Callable[[float], None]) -> None:
+def _take(lane: Lane, told: object, begin_s: float, advance: Callable[[float], None]) -> None:
     if isinstance(told, Sample):
         lane.samples.append(told)
     elif isinstance(told, Hour):
         lane.hours.append(told)
+    elif isinstance(told, Breach):
+        lane.breaches.append(told)
+        lane.breached[told.rule] = lane.breached.get(told.rule, 0) + 1
     elif isinstance(told, float):
         advance(told - lane.flown_s)
-        lane.flown_s = told
+        lane.flown_s, lane.wall_s = told, perf_counter() - begin_s
     elif isinstance(told, Lane):
         lane.breaches, lane.breached = told.breaches, told.breached
         lane.manoeuvres, lane.faults = told.manoeuvres, told.faults
@@ -124,7 +132,7 @@ def _figures(lane: Lane) -> dict[str, object]:
 def _print(lanes: list[Lane], said: list[str], out: Path) -> None:
     table = Table("", *(f"seed {lane.seed}, {lane.autopilot}" for lane in lanes))
     for name, figure in _ROWS.items():
-        table.add_row(name, *(figure(lane) for lane in lanes))
+        table.add_row(Text(name), *(figure(lane) for lane in lanes))
     console = Console(width=None if sys.stdout.isatty() else 120)
     console.print(table)
     for lane in lanes:
@@ -132,7 +140,7 @@ def _print(lanes: list[Lane], said: list[str], out: Path) -> None:
             console.print(f"seed {lane.seed}, {breach.t_s:.1f} s: {breach.rule}: {breach.text}", markup=False)
     for complaint in said:
         console.print(f"tools.soak: {complaint}", style="bold red", markup=False)
-    console.print(f"{out / 'soak.png'}, {out / 'soak.json'}: {'FAILED' if said else 'nothing to complain about'}")
+    console.print(f"tools.soak: {'FAILED' if said else 'nothing to complain about'}; picture and figures in {out}")
 
 
 def _health(lane: Lane) -> str:

@@ -1,5 +1,6 @@
 """One lane: a flight of many hours in a process of its own."""
 
+import signal
 import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -28,7 +29,8 @@ def fly(seed: int, autopilot: SimulatedKind, duration_s: float, tell: Callable[[
     duration_s : float
         Simulated time [s].
     tell : callable
-        Gets each `Sample` and `Hour`, and in between the simulated time [s], so that the lane itself keeps nothing.
+        Gets each `Sample`, `Hour` and `Breach`, and in between the simulated time [s], so that the lane itself keeps
+        nothing.
 
     Returns
     -------
@@ -39,9 +41,13 @@ def fly(seed: int, autopilot: SimulatedKind, duration_s: float, tell: Callable[[
     lane = Lane(seed, autopilot.value, duration_s)
     flight = Flight(seed, autopilot, tell, tell)
     pilot = Pilot(flight, seed)
+    told = 0
     try:
         while flight.t_s < duration_s - 1e-6 and flight.engine.failure is None:
             flight.run_until(min(duration_s, flight.t_s + PIECE_S))
+            for breach in flight.watch.breaches[told:]:
+                tell(breach)
+            told = len(flight.watch.breaches)
             tell(flight.t_s)
     except Exception:
         flight.watch.break_(flight.t_s, Rule.EXCEPTION, traceback.format_exc())
@@ -53,6 +59,7 @@ def fly(seed: int, autopilot: SimulatedKind, duration_s: float, tell: Callable[[
 
 
 def fly_in_process(connection: Connection, seed: int, autopilot: SimulatedKind, duration_s: float) -> None:
-    """Fly one lane and tell everything through a connection, the `Lane` last."""
+    """Fly one lane and tell everything through a connection, the `Lane` last; whoever listens ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     connection.send(fly(seed, autopilot, duration_s, connection.send))
     connection.close()
