@@ -15,7 +15,7 @@ from .flight import OWN_COMPONENT_ID, Flight
 
 Vec3 = tuple[float, float, float]
 STEPS: tuple[Vec3, ...] = ((3.0, 0.0, 0.0), (0.0, 3.0, 0.0), (2.0, -1.5, 0.0))
-WATCHED_S = 12.0
+WATCHED_S = 8.0
 
 
 class Reversed:
