@@ -31,6 +31,8 @@ SWING_RMS_MIN_RAD = math.radians(1.0)
 """Below it errors of attitude and gyro pass for swing."""
 PULL_OVER_RESIDUAL_MIN = 1.0
 """A pull that is less than this times what is left is no load's."""
+CONTRADICTION_MAX = 2.5
+"""Gusts bring two ways to weigh the residual apart by up to 2 times what chance allows, wrong stamps by 3 and more."""
 WEIGHING_FREEDOM = 24
 """Of a weighing: the blocks of quiet flight that it averages."""
 
@@ -191,12 +193,15 @@ def _judge(best: Fit, configured_m: float) -> _Told:
     if best.swing_rms_rad < SWING_RMS_MIN_RAD:
         return dict.fromkeys(_TOLD, (None, swing))
     if pull_n < PULL_OVER_RESIDUAL_MIN * best.residual_rms_n:
-        reason = f"no load is felt: its pull of {pull_n:.2g} N RMS is below what is left, {best.residual_rms_n:.2g} N"
+        reason = (
+            f"too little swing, or no load: a pull of {pull_n:.2g} N RMS is below what is left, "
+            f"{best.residual_rms_n:.2g} N"
+        )
         return dict.fromkeys(_TOLD, (None, reason))
     if not SCAN_FACTORS[0] < best.length_m / configured_m < SCAN_FACTORS[-1]:
         reason = f"the best fit, {best.length_m:.2g} m, is beyond a quarter to four times the configured length"
         return dict.fromkeys(_TOLD, (None, reason))
-    if best.contradiction > 1.0:
+    if best.contradiction > CONTRADICTION_MAX:
         reason = (
             f"two ways to weigh the residual give {best.length_m:.3g} and {best.plain_length_m:.3g} m: "
             "stamps, streams or model are not right"
@@ -213,12 +218,16 @@ def _judge(best: Fit, configured_m: float) -> _Told:
         Shared.DAMPING_RATIO: DAMPING_HALF_WIDTH_MAX,
     }
     how = f"{len(best.segments)} segments, {best.residual_rms_n:.2g} N left"
-    return {
+    told: _Told = {
         index: (known[index], how)
         if known[index].half_width <= limit
         else (None, f"{swing}: 95 % from {known[index].low:.2g} to {known[index].high:.2g}")
         for index, limit in limits.items()
     }
+    if told[Shared.MASS][0] is None:
+        # Length and damping of a pull that may not be there would be those of the gusts.
+        told[Shared.LOG_LENGTH] = told[Shared.DAMPING_RATIO] = (None, f"{swing}: the load's pull does not stand out")
+    return told
 
 
 def _weighed(weighing: MassEstimate | None, configured_kg: float) -> Quantity:

@@ -23,7 +23,7 @@ def shaken(t_s: FloatArray) -> FloatArray:
 
 
 def pull(force: FloatArray, start: FloatArray, length_m: float, damping_ratio: float) -> FloatArray:
-    out = np.empty_like(force)
+    out = np.empty(force.shape)
     pull_per_mass(out, np.ascontiguousarray(force), start, DT_S, length_m, damping_ratio)
     return out
 
