@@ -73,11 +73,6 @@ class Fit:
     residual_rms_n: float
     """Of the side force averaged over blocks, beyond what was to be expected from the blocks before."""
 
-    plain_length_m: float
-    """By least squares that take no heed of the residual's colour."""
-    contradiction: float
-    """How far both lengths lie apart, over what chance allows: above 1 the model is not what flew."""
-
     @property
     def length_m(self) -> float:
         """Cable."""
@@ -158,20 +153,17 @@ def fit(
     segments = _cut(record, hanging, found_m)
     if len(segments) < SEGMENTS_MIN:
         return None
-    colour = RANDOM_WALK
+    block = _block(found_m)
+    # Plain squares find the minimum from afar, in wide swings too; whitened ones find where it really is.
+    scales = [Scale(segment, block, np.empty(0)) for segment in segments]
+    shared, starts, cost = _minimise(scales, shared, free, _ITERATIONS_MAX)
     for _ in range(COLOUR_PASSES):
-        scales = [Scale(segment, _block(found_m), colour) for segment in segments]
-        shared, starts, cost = _minimise(scales, shared, free, _ITERATIONS_MAX)
         colour = _colour(scales, shared, starts)
+        scales = [Scale(segment, block, colour) for segment in segments]
+        shared, starts, cost = _minimise(scales, shared, free, _ITERATIONS_MAX, starts)
     std, residual_rms_n = _deviations(scales, shared, starts, free, cost)
-    plain_scales = [Scale(segment, _block(found_m), np.empty(0)) for segment in segments]
-    plain, plain_starts, plain_cost = _minimise(plain_scales, shared, free, _ITERATIONS_MAX)
-    plain_std, _ = _deviations(plain_scales, plain, plain_starts, free, plain_cost)
     progress(1.0)
-    quantile = student_quantile(len(segments) - 1)
-    index = Shared.LOG_LENGTH
-    contradiction = abs(plain[index] - shared[index]) / (quantile * math.hypot(plain_std[index], std[index]))
-    return Fit(shared, std, quantile, segments, starts, residual_rms_n, math.exp(plain[index]), float(contradiction))
+    return Fit(shared, std, student_quantile(len(segments) - 1), segments, starts, residual_rms_n)
 
 
 def student_quantile(freedom: int, confidence: float = CONFIDENCE) -> float:
@@ -355,16 +347,22 @@ class _Tangent:
 
 
 def _minimise(
-    scales: Sequence[Scale], shared: FloatArray, free: Sequence[int], iterations: int
+    scales: Sequence[Scale],
+    shared: FloatArray,
+    free: Sequence[int],
+    iterations: int,
+    starts: Sequence[FloatArray] | None = None,
 ) -> tuple[FloatArray, list[FloatArray], float]:
-    """Levenberg-Marquardt from loads at rest, each segment's start eliminated: the work grows as the flight.
+    """Levenberg-Marquardt from ``starts`` or loads at rest; the work grows as the flight.
+
+    Each segment's start is eliminated from the normal equations.
 
     Returns
     -------
     tuple
         Shared parameters, starts, and the sum of squared residuals [N^2].
     """
-    starts = [np.zeros(4) for _ in scales]
+    starts = [np.zeros(4) for _ in scales] if starts is None else list(starts)
     free = list(free)
     cost = _cost(scales, shared, starts)
     damping = 1e-3

@@ -31,8 +31,6 @@ SWING_RMS_MIN_RAD = math.radians(1.0)
 """Below it errors of attitude and gyro pass for swing."""
 PULL_OVER_RESIDUAL_MIN = 1.0
 """A pull that is less than this times what is left is no load's."""
-CONTRADICTION_MAX = 2.5
-"""Gusts bring two ways to weigh the residual apart by up to 2 times what chance allows, wrong stamps by 3 and more."""
 WEIGHING_FREEDOM = 24
 """Of a weighing: the blocks of quiet flight that it averages."""
 
@@ -188,10 +186,10 @@ def _judge(best: Fit, configured_m: float) -> _Told:
     """Take what the fit tells well enough; give a reason for the rest."""
     reach = best.quantile * best.std
     value, low, high = (best.shared + sign * reach for sign in (0.0, -1.0, 1.0))
-    swing = f"too little swing ({math.degrees(best.swing_rms_rad):.1f} deg RMS)"
+    swung = f"with {math.degrees(best.swing_rms_rad):.1f} deg RMS of swing"
     pull_n = best.shared[Shared.MASS] * GRAVITY_MPS2 * best.swing_rms_rad
     if best.swing_rms_rad < SWING_RMS_MIN_RAD:
-        return dict.fromkeys(_TOLD, (None, swing))
+        return dict.fromkeys(_TOLD, (None, f"too little swing: {math.degrees(best.swing_rms_rad):.1f} deg RMS"))
     if pull_n < PULL_OVER_RESIDUAL_MIN * best.residual_rms_n:
         reason = (
             f"too little swing, or no load: a pull of {pull_n:.2g} N RMS is below what is left, "
@@ -200,12 +198,6 @@ def _judge(best: Fit, configured_m: float) -> _Told:
         return dict.fromkeys(_TOLD, (None, reason))
     if not SCAN_FACTORS[0] < best.length_m / configured_m < SCAN_FACTORS[-1]:
         reason = f"the best fit, {best.length_m:.2g} m, is beyond a quarter to four times the configured length"
-        return dict.fromkeys(_TOLD, (None, reason))
-    if best.contradiction > CONTRADICTION_MAX:
-        reason = (
-            f"two ways to weigh the residual give {best.length_m:.3g} and {best.plain_length_m:.3g} m: "
-            "stamps, streams or model are not right"
-        )
         return dict.fromkeys(_TOLD, (None, reason))
     known = {
         Shared.MASS: Known(*(max(float(bound[Shared.MASS]), 0.0) for bound in (value, low, high))),
@@ -221,12 +213,12 @@ def _judge(best: Fit, configured_m: float) -> _Told:
     told: _Told = {
         index: (known[index], how)
         if known[index].half_width <= limit
-        else (None, f"{swing}: 95 % from {known[index].low:.2g} to {known[index].high:.2g}")
+        else (None, f"too uncertain {swung}: 95 % from {known[index].low:.2g} to {known[index].high:.2g}")
         for index, limit in limits.items()
     }
     if told[Shared.MASS][0] is None:
         # Length and damping of a pull that may not be there would be those of the gusts.
-        told[Shared.LOG_LENGTH] = told[Shared.DAMPING_RATIO] = (None, f"{swing}: the load's pull does not stand out")
+        told[Shared.LOG_LENGTH] = told[Shared.DAMPING_RATIO] = (None, f"the load's pull does not stand out {swung}")
     return told
 
 
