@@ -71,9 +71,7 @@ def pull_per_mass(pull_out, force, start, dt_s, length_m, damping_ratio):
             speed2 = rate_stage[0] ** 2 + rate_stage[1] ** 2 + rate_stage[2] ** 2
             for i in range(3):
                 n_d[i] = rate_stage[i]
-                rate_d[i] = (
-                    -(felt[i] - n_s * n_stage[i]) / length_m - speed2 * n_stage[i] - decay_per_s * rate_stage[i]
-                )
+                rate_d[i] = -(felt[i] - n_s * n_stage[i]) / length_m - speed2 * n_stage[i] - decay_per_s * rate_stage[i]
                 n_change[i] += weight * dt_s * n_d[i]
                 rate_change[i] += weight * dt_s * rate_d[i]
         for i in range(3):
