@@ -14,6 +14,8 @@ LIFTED_FOR_S = 0.15
 LOST_SHARE = 0.6
 """Share of what hangs by which the thrust must fall to count as having lost it: released, set down."""
 LOST_FOR_S = 0.4
+HANGING_SHARE_MAX = 1.5
+"""Of the load's mass: more is not believed to hang, so that a lost load is missed whatever it was taken for."""
 APPARENT_TIME_CONSTANT_S = 0.1
 APPARENT_ATTACHED_TIME_CONSTANT_S = 0.3
 """Slower while the load hangs: a manoeuvre must not look like a release."""
@@ -209,7 +211,9 @@ class PayloadWatch:
         if self._attached_s < SETTLE_S:
             blend = dt_s / (dt_s + SETTLING_TIME_CONSTANT_S)
             self._hanging_kg += blend * (apparent_kg - self._empty_kg - self._hanging_kg)
-            self._hanging_kg = max(self._hanging_kg, LIFTED_SHARE * self._payload_mass_kg)
+            # What a fault feigned just before must not make it so heavy that its fall is never seen.
+            least_kg, most_kg = LIFTED_SHARE * self._payload_mass_kg, HANGING_SHARE_MAX * self._payload_mass_kg
+            self._hanging_kg = min(max(self._hanging_kg, least_kg), most_kg)
         self._doubt_s = self._doubt_s + dt_s if fallen_kg > LOST_SHARE * self._hanging_kg else 0.0
         if self._doubt_s <= LOST_FOR_S:
             return None

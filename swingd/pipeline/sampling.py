@@ -192,14 +192,13 @@ class AttitudeTracker:
         self._before, self._last = self._last, attitude
 
     def _tilt_jumps(self, attitude: Attitude) -> bool:
-        """Whether roll or pitch has changed by what the gyro does not explain."""
+        """Whether roll or pitch has changed, and by what the gyro does not explain."""
         if self._gyro_tilt_rad is None:
             return False
         (rolled, pitched), (roll, pitch) = self._gyro_tilt_rad, self._tilt_before_rad
-        unexplained_rad = max(
-            abs(wrap_pi(attitude.roll_rad - roll - rolled)), abs(attitude.pitch_rad - pitch - pitched)
-        )
-        return unexplained_rad > TILT_JUMP_RAD
+        changes = ((wrap_pi(attitude.roll_rad - roll), rolled), (attitude.pitch_rad - pitch, pitched))
+        # A gyro that tells of a turn which the attitude did not make is no reset.
+        return any(min(abs(change), abs(change - turned)) > TILT_JUMP_RAD for change, turned in changes)
 
     def take_yaw_jump(self) -> float:
         """Return by how much the autopilot's yaw was reset since the last call [rad]."""
