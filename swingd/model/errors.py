@@ -19,3 +19,7 @@ class LinkOpenError(SwingdError):
 
 class LogFormatError(SwingdError):
     """A log cannot be read as what it claims to be; the text names the file, the place and what was expected."""
+
+
+class StudyError(SwingdError):
+    """A flight of a study failed, or a figure lacks its flight; the text says which and how."""

@@ -19,8 +19,9 @@ from swingd.core.slung_flight import (
     fly,
     swing_angles,
 )
+from swingd.model.errors import StudyError
 from swingd.studies.drones2023.cases import CASE_1, CASE_3, PAYLOAD_CONTROLLER
-from swingd.studies.drones2023.flight import DT_S, LawSettings, Sensors, StudyError, Wind, run
+from swingd.studies.drones2023.flight import DT_S, LawSettings, Sensors, Wind, run
 
 L = FlightLog
 JIT = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="needs compiled kernels")

@@ -16,7 +16,8 @@ from swingd.studies.drones2023.cases import CASE_1, CASE_3, LAWS, MANOEUVRE_2, S
 from swingd.studies.drones2023.flight import run
 from swingd.studies.drones2023.indicators import SWING_NAMES, indicators, track_distance_m
 from swingd.studies.drones2023.potentiometer import readings
-from swingd.studies.drones2023.study import as_object, fly_all, judge, mean_and_spread, repeat
+from swingd.studies.drones2023.study import as_object, fly_all, fly_and_judge, judge
+from swingd.studies.seeds import mean_and_spread, repeat
 
 SEED = 1
 CHECKED = [
@@ -113,7 +114,7 @@ def test_every_variant_meets_the_same_gusts(flights):
 
 def test_seeds_in_other_processes_give_the_same_figures(figures):
     progress = []
-    assert repeat([SEED], progress.append) == [figures]
+    assert repeat(fly_and_judge, [SEED], progress.append) == [figures]
     assert progress == [1.0]
 
 
@@ -213,7 +214,7 @@ def test_command_names_what_is_wrong(tmp_path, arguments, said):
 
 
 def test_command_says_how_to_come_by_what_draws(monkeypatch):
-    monkeypatch.setattr("swingd.cli.study.find_spec", lambda _name: None)
+    monkeypatch.setattr("swingd.cli.study.shared.find_spec", lambda _name: None)
     done = CliRunner().invoke(app, ["study", "drones2023"])
     assert done.exit_code == 78
     assert "pip install 'swingd[study]', or --no-figures" in done.stderr

@@ -10,10 +10,12 @@ from matplotlib.image import imread
 from matplotlib.patches import Circle
 
 from swingd.core.slung_flight import FlightLog
+from swingd.model.errors import StudyError
 from swingd.studies.drones2023 import figures as pictures
 from swingd.studies.drones2023.cases import LAWS, SCENARIOS, VARIANTS
-from swingd.studies.drones2023.flight import StudyError, run
+from swingd.studies.drones2023.flight import run
 from swingd.studies.drones2023.potentiometer import readings
+from swingd.studies.pictures import DPI, WIDTH_IN
 
 NUMBERS = [*range(4, 17), *range(18, 22)]
 SPEED_MPS = 2.0
@@ -63,7 +65,7 @@ def test_writes_one_picture_for_each_figure_of_the_paper(flights, tmp_path):
     assert shares == pytest.approx(np.arange(1, 18) / 17)
     for path in paths:
         ink = imread(path)[:, :, :3].min(axis=2) < 0.9
-        assert ink.shape[1] == pictures.WIDTH_IN * pictures.DPI
+        assert ink.shape[1] == WIDTH_IN * DPI
         assert 0.005 < ink.mean() < 0.5
         # What is too long would be cut off at the edge.
         edges = np.concatenate([ink[:, 0], ink[:, -1], ink[0], ink[-1]])

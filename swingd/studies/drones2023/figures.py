@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swingd.core.slung_flight import FlightLog
+from swingd.model.errors import StudyError
 from swingd.model.estimate import FloatArray
-from swingd.studies.drones2023.flight import Flight, StudyError
+from swingd.studies.drones2023.flight import Flight
 from swingd.studies.drones2023.indicators import SETTLED_DEG, track_distance_m
 from swingd.studies.drones2023.potentiometer import readings
 from swingd.studies.drones2023.study import Flights
+from swingd.studies.pictures import STYLE, WIDTH_IN, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SUFFIXES = ("png", "svg")
 POTENTIOMETER_SEED = 1
 """Of the readings' noise; another draw than the tables' where these begin with another seed."""
 DETAIL_S = 20.0
@@ -27,33 +28,6 @@ TO_WAYPOINT_4 = 3
 """Leg whose flight swings the load most to the side."""
 SIGN_MEAN_S = 1.0
 """Over which the sign of the accelerations' product is averaged."""
-
-# At 7 in. a picture is 700 px wide with the sizes below as they are seen, and sharp on a dense screen by its dpi.
-WIDTH_IN = 7.0
-DPI = 160
-STYLE: Any = {
-    "figure.dpi": DPI,
-    "savefig.dpi": DPI,
-    "figure.titlesize": 10.5,
-    "figure.titleweight": "bold",
-    "font.size": 9.5,
-    "axes.titlesize": 9.5,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.xmargin": 0.01,
-    "grid.alpha": 0.25,
-    "grid.linewidth": 0.6,
-    "legend.fontsize": 9.0,
-    "legend.frameon": False,
-    "legend.handlelength": 1.8,
-    "legend.columnspacing": 1.2,
-    "lines.linewidth": 1.2,
-    # The same flights give the same bytes.
-    "svg.hashsalt": "swingd",
-}
 
 # Hues that colour-blind readers tell apart, each for one thing in all figures.
 TRUE: dict[str, Any] = {"color": "black", "label": "true", "zorder": 2.2}
@@ -102,21 +76,7 @@ def draw(
     StudyError
         If a flight that a figure needs is missing, or if the suffix is none of both.
     """
-    import matplotlib as mpl
-
-    if suffix not in SUFFIXES:
-        raise StudyError(f"picture suffix {suffix!r}: expected one of {', '.join(SUFFIXES)}")
-    # All are composed before the first is written: a missing flight leaves no half a set.
-    drawn = list(figures(flights))
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    with mpl.rc_context(STYLE):
-        for number, figure in drawn:
-            path = folder / f"figure{number:02d}.{suffix}"
-            figure.savefig(path, metadata={"Date": None} if suffix == "svg" else None)
-            paths.append(path)
-            watch(len(paths) / len(drawn))
-    return paths
+    return save(figures(flights), folder, suffix, watch)
 
 
 def figures(flights: Flights) -> Iterator[tuple[int, "Figure"]]:

@@ -15,17 +15,13 @@ from swingd.core.slung_flight import (
     Law,
     fly,
 )
-from swingd.model.errors import SwingdError
+from swingd.model.errors import StudyError
 from swingd.model.estimate import FloatArray
 from swingd.model.events import Vec3
 from swingd.studies.drones2023.vehicles import Autopilot, Vehicle
 
 DT_S = 0.002
 """Step of the plant: Runge-Kutta at 500 Hz."""
-
-
-class StudyError(SwingdError):
-    """A flight of a study failed; the text says which and how."""
 
 
 @dataclass(frozen=True, slots=True)

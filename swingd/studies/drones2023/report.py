@@ -3,13 +3,14 @@
 import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
-from math import isnan, nan
+from math import nan
 from pathlib import Path
 
 from swingd.studies.drones2023 import paper
 from swingd.studies.drones2023.cases import VARIANTS
 from swingd.studies.drones2023.indicators import SWING_NAMES
-from swingd.studies.drones2023.study import Figures
+from swingd.studies.seeds import Figures
+from swingd.studies.tables import Table, markdown, number, percent, with_spread
 
 LAW_NAMES = {"off": "none", "on": "(16) EKF", "fgdf": "(16) FGDF", "default": "default"}
 RMSE_TITLE = "Filters without payload controller, against the truth and against the potentiometer's readings"
@@ -70,7 +71,7 @@ def write_csv(path: Path, table: Sequence[Row]) -> None:
         writer = csv.writer(file)
         writer.writerow([field.name for field in fields(Row)])
         for row in table:
-            writer.writerow([value if isinstance(value, str) else _number(value, 6) for value in astuple(row)])
+            writer.writerow([value if isinstance(value, str) else number(value, 6) for value in astuple(row)])
 
 
 def write_markdown(path: Path, table: Sequence[Row], mean: Figures, seeds: int) -> None:
@@ -78,17 +79,13 @@ def write_markdown(path: Path, table: Sequence[Row], mean: Figures, seeds: int) 
     lines = [f"# Drones 2023, 7, 654, recomputed ({seeds} seed{'s' if seeds > 1 else ''})", ""]
     for case in paper.VALUES:
         lines += [f"## {case}", ""]
-        lines += _markdown(*case_table(case, table, seeds))
+        lines += markdown(*case_table(case, table, seeds))
         lines.append("")
     lines += [f"## {RMSE_TITLE}", ""]
-    lines += _markdown(*rmse_table(mean))
+    lines += markdown(*rmse_table(mean))
     lines += ["", f"## {FORCE_TITLE}", ""]
-    lines += _markdown(*force_table(mean))
+    lines += markdown(*force_table(mean))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
-"""Headings and rows, as text."""
 
 
 def case_table(case: str, table: Sequence[Row], seeds: int) -> Table:
@@ -104,12 +101,12 @@ def case_table(case: str, table: Sequence[Row], seeds: int) -> Table:
         if not found:
             continue
         off = found[LAW_NAMES["off"]]
-        cells = [f"{index} [{unit}]", _spread(_number(off.ours, 4), off.ours_std, seeds), _number(off.paper, 5)]
+        cells = [f"{index} [{unit}]", with_spread(number(off.ours, 4), off.ours_std, seeds), number(off.paper, 5)]
         for name in laws:
             row = found[name]
-            cells.append(_spread(_percent(row.change_percent), row.change_percent_std, seeds))
+            cells.append(with_spread(percent(row.change_percent), row.change_percent_std, seeds))
             if name in printed:
-                cells.append(_percent(row.paper_change_percent))
+                cells.append(percent(row.paper_change_percent))
         body.append(tuple(cells))
     return tuple(headings), body
 
@@ -122,7 +119,7 @@ def rmse_table(mean: Figures) -> Table:
             errors = (mean.get(f"{case}/rmse/{column}", {}).get(name, nan) for column in _RMSE_COLUMNS)
             quantity, unit = name.split("_deg")
             quantity = f"{quantity} [deg{'/s' if unit else ''}]"
-            body.append((case, quantity, *(_number(error, 3) for error in errors)))
+            body.append((case, quantity, *(number(error, 3) for error in errors)))
     return ("case", "RMSE of", "EKF", "FGDF", "pendulum", "EKF, read", "FGDF, read"), body
 
 
@@ -132,23 +129,3 @@ def force_table(mean: Figures) -> Table:
     names = ("true_rms", "rmse", "steady_true", "steady_estimated")
     body = [(axis, *(f"{force[f'{name}_{axis}']:.2f}" for name in names)) for axis in "xyz"]
     return ("axis", "true RMS [N]", "RMSE [N]", "true mean, 20-30 s", "estimated mean"), body
-
-
-def _markdown(headings: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
-    return [
-        "| " + " | ".join(headings) + " |",
-        "|" + "---|" * len(headings),
-        *("| " + " | ".join(row) + " |" for row in body),
-    ]
-
-
-def _number(value: float, digits: int) -> str:
-    return "" if isnan(value) else f"{value:.{digits}g}"
-
-
-def _spread(text: str, deviation: float, seeds: int) -> str:
-    return f"{text} ± {deviation:.2g}" if seeds > 1 and text else text
-
-
-def _percent(value: float) -> str:
-    return "" if isnan(value) else f"{value:+.1f}%"

@@ -1,21 +1,16 @@
-"""The whole study: every flight of a seed, its figures, and their mean and spread over seeds."""
+"""The whole study: every flight of a seed, its figures, and the object that a program reads."""
 
-import os
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
-from statistics import fmean, stdev
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from swingd.studies.drones2023 import paper
 from swingd.studies.drones2023.cases import LAWS, SCENARIOS, VARIANTS
 from swingd.studies.drones2023.flight import Flight, run
 from swingd.studies.drones2023.indicators import disturbance, filter_errors, indicators, settled_after_s
+from swingd.studies.seeds import Figures
 
 Flights = Mapping[tuple[str, str], Flight]
 """By case and variant, see `swingd.studies.drones2023.cases.VARIANTS`."""
-Figures = dict[str, dict[str, float]]
-"""By what is judged, then by index; the figures of one seed."""
 
 
 def fly_all(seed: int, watch: Callable[[float], None] = lambda _share: None) -> dict[tuple[str, str], Flight]:
@@ -70,42 +65,9 @@ def judge(flights: Flights, seed: int) -> Figures:
     return figures
 
 
-def _judged(seed: int) -> Figures:
+def fly_and_judge(seed: int) -> Figures:
+    """Fly every variant of every case with a seed and compute its figures."""
     return judge(fly_all(seed), seed)
-
-
-def repeat(seeds: Iterable[int], watch: Callable[[float], None] = lambda _share: None) -> list[Figures]:
-    """Judge the flights of every seed, over as many processes as there are processors.
-
-    Parameters
-    ----------
-    seeds : ints
-    watch : callable
-        Takes the share done, 0..1.
-
-    Returns
-    -------
-    list of dict
-        In the order of the seeds.
-    """
-    wanted = list(seeds)
-    workers = min(len(wanted), len(os.sched_getaffinity(0)))
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(_judged, seed) for seed in wanted]
-        for done, future in enumerate(as_completed(futures), start=1):
-            future.result()
-            watch(done / len(wanted))
-        return [future.result() for future in futures]
-
-
-def mean_and_spread(repeated: list[Figures]) -> tuple[Figures, Figures]:
-    """Give mean and standard deviation of every figure over the seeds; the spread of a single seed is 0."""
-    mean, spread = {}, {}
-    for group, values in repeated[0].items():
-        columns = {index: [figures[group][index] for figures in repeated] for index in values}
-        mean[group] = {index: fmean(column) for index, column in columns.items()}
-        spread[group] = {index: stdev(column) if len(column) > 1 else 0.0 for index, column in columns.items()}
-    return mean, spread
 
 
 def as_object(mean: Figures, spread: Figures, seeds: int) -> dict[str, Any]:
