@@ -1,0 +1,1 @@
+"""Escareno et al., ICINCO 2016: extended-state Kalman filter and hierarchical control with a rod-suspended load."""
