@@ -47,7 +47,9 @@ class PlanarFlightParam(IntEnum):
     """Of the sensors, and as the filters assume it: x, z, theta, 3 [m^2, rad^2]."""
     VEL_VAR = 21
     """3"""
-    SIZE = 24
+    TOLD_WANTED = 24
+    """1: the filters are told the wanted force, else the thrust in the direction of the estimated pitch."""
+    SIZE = 25
 
 
 class Reference(IntEnum):
@@ -98,6 +100,7 @@ _PROCESS_DENSITY = int(PlanarFlightParam.PROCESS_DENSITY)
 _INITIAL_VAR = int(PlanarFlightParam.INITIAL_VAR)
 _POS_VAR = int(PlanarFlightParam.POS_VAR)
 _VEL_VAR = int(PlanarFlightParam.VEL_VAR)
+_TOLD_WANTED = int(PlanarFlightParam.TOLD_WANTED)
 _LOG_STATE = int(PlanarFlightLog.STATE)
 _LOG_POS_SP = int(PlanarFlightLog.POS_SP)
 _LOG_ESTIMATE = int(PlanarFlightLog.ESTIMATE)
@@ -144,8 +147,8 @@ def fly(log_out, x, p, f, reference, outside, noise):
 
     Notes
     -----
-    The filters are told the thrust in the direction of the estimated pitch half a sample ahead, not in the wanted one:
-    what the attitude misses is no disturbance of the translation.
+    The estimated pitch by which the filters are told the thrust's direction is that in the middle of the interval. Told
+    the wanted force instead, they take the lag of the pitch for a disturbance.
     """
     dt_s = f[_DT]
     inertia = np.array([p[_MASS], p[_MASS], p[_INERTIA]])
@@ -223,7 +226,9 @@ def fly(log_out, x, p, f, reference, outside, noise):
         log_out[k, _LOG_BOUNDED] = 1.0 if bounded else 0.0
 
         for which in range(2):
-            pitch = estimate[which, 2, 0] + 0.5 * dt_s * estimate[which, 2, 1]
+            pitch = thrust_pitch[1]
+            if f[_TOLD_WANTED] == 0.0:
+                pitch = estimate[which, 2, 0] + 0.5 * dt_s * estimate[which, 2, 1]
             force[0] = u[_THRUST] * sin(pitch)
             force[1] = u[_THRUST] * cos(pitch) - inertia[1] * GRAVITY_MPS2
             force[2] = u[_TORQUE]

@@ -25,9 +25,22 @@ DENSITY, VAR, INITIAL_VAR = (1.0, 1.5, 0.7), (1e-3, 2e-3, 5e-4), (1e-3, 1e-3, 1.
 TILT_MAX_RAD, UP_MIN_N = math.radians(60.0), 1.0
 
 
-def description(translation=1.0, rotation=1.0):
+def description(translation=1.0, rotation=1.0, told_wanted=0.0):
     f = np.empty(PlanarFlightParam.SIZE)
-    f[:] = [DT_S, 2, *GAINS.ravel(), translation, rotation, TILT_MAX_RAD, UP_MIN_N, *DENSITY, *INITIAL_VAR, *VAR, *VAR]
+    f[:] = [
+        DT_S,
+        2,
+        *GAINS.ravel(),
+        translation,
+        rotation,
+        TILT_MAX_RAD,
+        UP_MIN_N,
+        *DENSITY,
+        *INITIAL_VAR,
+        *VAR,
+        *VAR,
+        told_wanted,
+    ]
     return f
 
 
@@ -52,7 +65,7 @@ def flown(**changes):
     return log, x
 
 
-def again(compensate):
+def again(compensate, told_wanted=False):
     """Fly in Python: estimates, disturbances, inputs and true states, row by row."""
     reference, outside, noise = inputs()
     inertia = (VEHICLE[PlanarParam.MASS],) * 2 + (VEHICLE[PlanarParam.INERTIA],)
@@ -79,7 +92,7 @@ def again(compensate):
         rho = np.empty(3)
         plant.disturbances(rho, x, u, VEHICLE)
         yield np.concatenate([x, estimate.T.ravel(), rho, [thrust, torque, pitch]])
-        ahead = estimate[2, 0] + 0.5 * DT_S * estimate[2, 1]
+        ahead = pitch if told_wanted else estimate[2, 0] + 0.5 * DT_S * estimate[2, 1]
         filters[0].predict(thrust * math.sin(ahead), 0.0, DT_S)
         filters[1].predict(thrust * math.cos(ahead), GRAVITY_MPS2, DT_S)
         filters[2].predict(torque, 0.0, DT_S)
@@ -87,16 +100,16 @@ def again(compensate):
             plant.step(x, u, VEHICLE, 0.5 * DT_S)
 
 
-@pytest.mark.parametrize("compensate", [0.0, 1.0])
-def test_the_same_flight_in_python(compensate):
-    log, _ = flown(translation=compensate, rotation=compensate)
+@pytest.mark.parametrize(("compensate", "told_wanted"), [(0.0, False), (1.0, False), (0.0, True)])
+def test_the_same_flight_in_python(compensate, told_wanted):
+    log, _ = flown(translation=compensate, rotation=compensate, told_wanted=float(told_wanted))
     index = PlanarFlightLog
     columns = [
         *range(index.STATE, index.STATE + 8), *range(index.ESTIMATE, index.ESTIMATE + 6),
         *range(index.RHO_ESTIMATE, index.RHO_ESTIMATE + 3), *range(index.RHO, index.RHO + 3),
         index.THRUST, index.TORQUE, index.POS_SP + 2,
     ]  # fmt: skip
-    np.testing.assert_allclose(log[:, columns], np.array(list(again(compensate))), rtol=1e-7, atol=1e-8)
+    np.testing.assert_allclose(log[:, columns], np.array(list(again(compensate, told_wanted))), rtol=1e-7, atol=1e-8)
     assert not log[:, index.BOUNDED].any()
     np.testing.assert_allclose(log[:, index.T], DT_S * np.arange(SAMPLES))
 

@@ -125,6 +125,17 @@ def test_compensation_takes_the_swing_out_and_its_absence_lets_it_grow(flights, 
     assert rod[t_s > 25.0].max() < 0.4 * rod[(t_s > 5.0) & (t_s < 10.0)].max()
 
 
+def test_told_the_wanted_force_the_filters_take_the_lag_of_the_pitch_for_a_disturbance(figures):
+    """And compensating it drives the loop, although without compensation nothing is changed."""
+    told = {
+        variant: indicators(run(replace(REGULATION, told_wanted=True), VARIANTS[variant], SEED))
+        for variant in ("none", "both")
+    }
+    assert told["none"]["error"] == pytest.approx(figures["regulation/none"]["error"], rel=1e-3)
+    assert told["none"]["rmse_x"] > 2.0 * figures["regulation/none"]["rmse_x"]
+    assert told["both"]["error"] > 10.0 * figures["regulation/both"]["error"]
+
+
 # ---- how well rho is known
 
 
@@ -283,7 +294,9 @@ def test_object_holds_every_case_and_index(figures):
     assert set(result["filters"]["R 0.001"]["Q 1"]) == set(AXES)
 
 
-def test_another_seed_is_another_noise(figures):
+def test_another_seed_is_another_noise(figures, monkeypatch):
+    monkeypatch.setattr(filters, "SENSOR_VARS", (paper.SENSOR_VAR,))
+    monkeypatch.setattr(variations, "FACTORS", ())
     assert fly_and_judge(SEED + 1)["circle_torque/both"] != figures["circle_torque/both"]
 
 

@@ -55,6 +55,8 @@ class Scenario:
     tilt_max_rad: float = pi / 3.0
     up_min_share: float = 0.2
     """Least wanted force upwards over the vehicle's weight."""
+    told_wanted: bool = False
+    """Whether the filters are told the wanted force instead of the thrust as the vehicle leans."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +156,7 @@ def _described(scenario: Scenario, compensation: Compensation) -> FloatArray:
         (PlanarFlightParam.INITIAL_VAR, scenario.initial_var),
         (PlanarFlightParam.POS_VAR, [paper.SENSOR_VAR] * 3),
         (PlanarFlightParam.VEL_VAR, [paper.SENSOR_VAR] * 3),
+        (PlanarFlightParam.TOLD_WANTED, [scenario.told_wanted]),
     ]
     f = np.full(PlanarFlightParam.SIZE, np.nan)
     for first, numbers in values:
