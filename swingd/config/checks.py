@@ -67,6 +67,19 @@ def _curve(p: Parameters) -> str | None:
     return None
 
 
+def _disturbance(p: Parameters) -> str | None:
+    if p.disturbance.source == "none":
+        if p.disturbance.feed_forward:
+            return "disturbance.feed_forward needs an estimate; expected disturbance.source: es_lkf"
+        return None
+    if p.thrust.source is ThrustSource.REMARK_1:
+        return (
+            "thrust.source remark_1 takes the thrust from the load's weight and the acceleration, which leaves no "
+            "disturbance to be seen; expected motors, throttle or auto"
+        )
+    return None
+
+
 def _hover(p: Parameters) -> str | None:
     # Remark 1 reads no curve, and one that does not rise has been reported as such.
     if p.thrust.source is ThrustSource.REMARK_1 or _curve(p) is not None:
@@ -193,6 +206,7 @@ CHECKS = (
     ),
     Check(("payload.mass_kg", "vehicle.mass_kg"), _mass_ratio),
     Check(("cable.length_m", "vehicle.mass_kg", "payload.mass_kg", "estimator.rate_hz"), _cable),
+    Check(("disturbance.feed_forward", "disturbance.source", "thrust.source"), _disturbance),
     Check(("link.autopilot",), lambda p: _url(p.link.autopilot)),
     *(Check((LINKS[link],), partial(_endpoint, link)) for link in range(1, len(LINKS))),
     *(

@@ -6,12 +6,13 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.model.actions import Health, SwingReport
+from swingd.model.disturbance import DisturbanceEstimate
 from swingd.model.events import Vec3
 
 NAME = "SWING"
 """DEBUG_FLOAT_ARRAY.name."""
 ARRAY_ID = 1
-"""DEBUG_FLOAT_ARRAY.array_id: the version of the layout."""
+"""DEBUG_FLOAT_ARRAY.array_id: changes where a field changes its meaning; others are added behind."""
 FIELDS = (
     "xi_rad",
     "zeta_rad",
@@ -32,6 +33,15 @@ FIELDS = (
     "correction_vel_e_mps",
     "correction_vel_d_mps",
     "health",
+    "disturbance_n_n",
+    "disturbance_e_n",
+    "disturbance_d_n",
+    "disturbance_n_std_n",
+    "disturbance_e_std_n",
+    "disturbance_d_std_n",
+    "feed_forward_n_mps2",
+    "feed_forward_e_mps2",
+    "feed_forward_d_mps2",
 )
 """Meaning of DEBUG_FLOAT_ARRAY.data[0], data[1], ...; the rest of the 58 floats is zero."""
 
@@ -41,6 +51,7 @@ HEALTH_CODES = {Health.INIT: 0, Health.READY: 1, Health.ACTIVE: 2, Health.DEGRAD
 _HEALTH_OF_CODE = {code: health for health, code in HEALTH_CODES.items()}
 _FLOAT32_MAX = 3.4028234e38
 _SIZE = 58
+_NO_DISTURBANCE: Vec3 = (0.0, 0.0, 0.0)
 _PADDING = (0.0,) * (_SIZE - len(FIELDS))
 
 
@@ -75,6 +86,9 @@ def encode(report: SwingReport) -> Any:
         *report.correction_acc_ned_mps2,
         *report.correction_vel_ned_mps,
         float(HEALTH_CODES[report.health]),
+        *(_NO_DISTURBANCE if report.disturbance is None else report.disturbance.force_ned_n),
+        *(_NO_DISTURBANCE if report.disturbance is None else report.disturbance.force_std_n),
+        *report.feed_forward_acc_ned_mps2,
     )
     data = [*map(float32, values), *_PADDING]
     return mavlink.MAVLink_debug_float_array_message(round(report.t_boot_s * 1e6), NAME.encode(), ARRAY_ID, data)
@@ -108,4 +122,7 @@ def decode(message: Any) -> SwingReport | None:
         correction_acc_ned_mps2=vector(12),
         correction_vel_ned_mps=vector(15),
         health=health,
+        # A deviation of zero is that of an estimate which nobody makes; doubts are not on the wire.
+        disturbance=DisturbanceEstimate(vector(19), vector(22), "") if any(data[22:25]) else None,
+        feed_forward_acc_ned_mps2=vector(25),
     )

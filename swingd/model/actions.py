@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
+from swingd.model.disturbance import DisturbanceEstimate
 from swingd.model.events import SetpointUse, Stream, Vec3
 
 
@@ -73,6 +74,10 @@ class SwingReport:
     payload_mass_kg: float | None = None
     """As weighed in flight; None where it is not known."""
     payload_mass_std_kg: float | None = None
+    disturbance: DisturbanceEstimate | None = None
+    """None where no source is configured."""
+    feed_forward_acc_ned_mps2: Vec3 = (0.0, 0.0, 0.0)
+    """Acceleration set against the disturbance, beside the correction of the swing."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -247,6 +247,34 @@ class Estimator:
 
 
 @dataclass(frozen=True, slots=True)
+class Disturbance:
+    """The force on the vehicle besides thrust and weight, whatever causes it: cable, load, wind, drag."""
+
+    source: str = choice(
+        "none",
+        "disturbance estimator by name: none, or es_lkf (extended-state Kalman filter on position, velocity, attitude "
+        "and thrust; needs neither the load's mass nor the cable)",
+        names=("none", "es_lkf"),
+    )
+    feed_forward: bool = choice(
+        False,
+        "lean against the estimated horizontal force; only acts where the mode streams setpoints",
+        mavlink="SWG_DIST_FF",
+    )
+    force_noise: float = quantity(
+        1.6, "N/sqrt(s) per kg of vehicle", 1e-3, 1000.0, "random walk of the force", mavlink="SWG_DIST_FORCE"
+    )
+    pos_noise_m: float = quantity(0.3, "m", 1e-3, 100.0, "deviation of one position of the autopilot")
+    vel_noise_mps: float = quantity(0.03, "m/s", 1e-3, 10.0, "deviation of one velocity of the autopilot")
+    time_constant_s: float = quantity(
+        0.25, "s", 0.0, 30.0, "low-pass on the force that is fed forward", mavlink="SWG_DIST_TC"
+    )
+    acc_max_mps2: float = quantity(
+        2.0, "m/s^2", 0.0, 20.0, "largest acceleration that is fed forward", mavlink="SWG_DIST_MAX"
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class Autopilot:
     """What the correction must know of the autopilot's loops."""
 
@@ -424,6 +452,7 @@ class Parameters:
     cable: Cable = field(default_factory=Cable)
     thrust: Thrust = field(default_factory=Thrust)
     estimator: Estimator = field(default_factory=Estimator)
+    disturbance: Disturbance = field(default_factory=Disturbance)
     autopilot: Autopilot = field(default_factory=Autopilot)
     control: Control = field(default_factory=Control)
     hold: Hold = field(default_factory=Hold)

@@ -1,4 +1,5 @@
 import math
+from operator import attrgetter
 
 import pytest
 from hypothesis import given
@@ -9,6 +10,7 @@ from swingd.link import swing_message
 from swingd.link.adapter import AutopilotAdapter, Drop
 from swingd.link.codec import Codec
 from swingd.model.actions import Action, Health, Heartbeat, Setpoint, Severity, StatusText, StreamRequest, SwingReport
+from swingd.model.disturbance import DisturbanceEstimate
 from swingd.model.events import SetpointUse, Stream, StreamRefused
 from swingd.model.parameters import Link, Thrust
 
@@ -29,6 +31,8 @@ REPORT = SwingReport(
     correction_acc_ned_mps2=(0.5, 0.6, 0.0),
     correction_vel_ned_mps=(-0.5, -0.6, 0.0),
     health=Health.ACTIVE,
+    disturbance=DisturbanceEstimate((1.5, -2.5, 3.5), (0.2, 0.3, 0.4), ""),
+    feed_forward_acc_ned_mps2=(-0.7, 0.8, 0.0),
 )
 
 
@@ -124,7 +128,8 @@ def test_swing_layout_is_what_the_documents_say():
     (m,) = sent(adapter, REPORT)
     assert (m.get_type(), m.name, m.array_id, m.time_usec) == ("DEBUG_FLOAT_ARRAY", "SWING", 1, 123456789)
     expected = [0.1, -0.2, 0.3, -0.4, 1, 2, 3, 0.01, 0.02, 17.5, 0.98, 2.5, 0.5, 0.6, 0, -0.5, -0.6, 0, 2]
-    assert m.data == pytest.approx(expected + [0.0] * 39, rel=1e-6)
+    expected += [1.5, -2.5, 3.5, 0.2, 0.3, 0.4, -0.7, 0.8, 0]
+    assert m.data == pytest.approx(expected + [0.0] * 30, rel=1e-6)
     assert len(expected) == len(swing_message.FIELDS)
 
 
@@ -140,6 +145,14 @@ reports = st.builds(
     correction_acc_ned_mps2=st.tuples(numbers, numbers, numbers),
     correction_vel_ned_mps=st.tuples(numbers, numbers, numbers),
     health=st.sampled_from(Health),
+    disturbance=st.none()
+    | st.builds(
+        DisturbanceEstimate,
+        st.tuples(numbers, numbers, numbers),
+        st.tuples(*(st.floats(1e-3, 1e3),) * 3),
+        st.just(""),
+    ),
+    feed_forward_acc_ned_mps2=st.tuples(numbers, numbers, numbers),
 )
 
 
@@ -150,9 +163,13 @@ def test_swing_comes_back_as_it_was_to_the_precision_of_a_float(report):
     back = swing_message.decode(m)
     assert back is not None
     assert back.health is report.health
+    assert (back.disturbance is None) == (report.disturbance is None)
     assert back.t_boot_s == pytest.approx(report.t_boot_s, abs=1e-6)
-    for name in ("xi_rad", "nis", "force_ned_n", "correction_vel_ned_mps"):
-        was, now = getattr(report, name), getattr(back, name)
+    for name in (
+        *("xi_rad", "nis", "force_ned_n", "correction_vel_ned_mps", "feed_forward_acc_ned_mps2"),
+        *(("disturbance.force_ned_n", "disturbance.force_std_n") if report.disturbance else ()),
+    ):
+        was, now = attrgetter(name)(report), attrgetter(name)(back)
         was, now = (value if isinstance(value, tuple) else (value,) for value in (was, now))
         for a, b in zip(was, now, strict=True):
             clipped = a if math.isnan(a) else max(-3.4028234e38, min(3.4028234e38, a))
