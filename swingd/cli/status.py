@@ -175,6 +175,8 @@ def _summary(told: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
         yield "correction", "on" + (f", fading: {withheld}" if withheld else ""), "green"
     else:
         yield "correction", "off" + (f": {withheld}" if withheld else ""), "yellow" if told["mode"] != "shadow" else ""
+    if told["disturbance"] is not None:
+        yield "disturbance", *_disturbance(told["disturbance"], streams=told["mode"] != "shadow")
     if rate["joined"]:
         slow = rate["rate_hz"] < LATE_SHARE * rate["asked_hz"]
         yield "filter", f"{rate['rate_hz']:.1f} of {rate['asked_hz']:g} Hz, {rate['steps']} steps", "yellow" * slow
@@ -185,6 +187,16 @@ def _summary(told: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
     if recording is not None:
         lost = f", {recording['lost']} lost: it has ended" if recording["lost"] else ""
         yield "recording", f"{recording['file']}, {recording['records']} records{lost}", "red" if lost else ""
+
+
+def _disturbance(disturbance: dict[str, Any], *, streams: bool) -> tuple[str, str]:
+    """Force and what becomes of it, with the style."""
+    north, east, down = disturbance["force_ned_n"]
+    force = f"north {north:+.2f}, east {east:+.2f}, down {down:+.2f} N"
+    if disturbance["fed_forward"]:
+        return f"{force}; fed forward", "green"
+    withheld = "; ".join(disturbance["withheld_by"] if streams else filter(None, [disturbance["doubt"]]))
+    return force + (f"; not fed forward: {withheld}" if withheld else ""), ""
 
 
 def _autopilot(autopilot: dict[str, Any] | None) -> str:

@@ -107,6 +107,10 @@ class EsLkf:
         self._P[:] = np.diag(self._initial_var)
         self._nis[0] = 0.0
 
+    def set_state(self, pos: float, vel: float, disturbance: float) -> None:
+        """Replace the state [m, m/s, N] where the axis itself was turned or moved; what is known of it stays."""
+        self._x[:] = pos, vel, disturbance
+
     def predict(self, force: float, offset: float, dt_s: float) -> Status:
         """Advance over an interval.
 

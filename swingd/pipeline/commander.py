@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from swingd.control import make_law
 from swingd.control.base import Vec2
 from swingd.model.actions import Action, Health, PassSetpoint, Setpoint, Severity, StatusText
+from swingd.model.disturbance import DisturbanceEstimate
 from swingd.model.events import AppSetpoint, AutopilotKind, AutopilotState, FlightMode, LocalPosition, UnmetSetpoint
 from swingd.model.parameters import Mode, Parameters
 from swingd.pipeline.application import REPEAT_MAX_S, ApplicationStream
 from swingd.pipeline.correction import NO_PUSH, Correction, Push, turn
 from swingd.pipeline.damping_watch import DampingWatch, Motion
-from swingd.pipeline.envelope import Conditions, Fade, may_correct
+from swingd.pipeline.disturbance_feed_forward import DisturbanceFeedForward
+from swingd.pipeline.envelope import Conditions, Fade, Part, may_leave
 from swingd.pipeline.feed_forward import FeedForward
 from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S, Evidence
 from swingd.pipeline.merge import ACC_XY, POS_XY, VEL_XY, Reference, carried, is_correctable, merge, reference_of
@@ -49,6 +51,10 @@ class Situation:
     health: Health
     taking_off: bool
     """By the autopilot's own word."""
+    lift_n: float
+    """Vertical part of the thrust, up [N]."""
+    disturbance: DisturbanceEstimate | None
+    """None where none is estimated."""
 
 
 class Commander:
@@ -72,7 +78,8 @@ class Commander:
         self._application = ApplicationStream()
         self._feed_forward = FeedForward(parameters)
         self._correction = Correction(parameters.control)
-        self._fade = Fade(parameters.control)
+        self._disturbance = DisturbanceFeedForward(parameters)
+        self._fades = {part: Fade(parameters.control) for part in Part}
         self._watch = DampingWatch(parameters)
         self._ground_down_m = 0.0
         self._t_mono_s = -math.inf
@@ -90,7 +97,9 @@ class Commander:
         """Consumed, and not sent yet."""
         self._t_boot_s = 0.0
         self.push: Push = NO_PUSH
-        """What the last step added, along north and east."""
+        """What the last step added against the swing, along north and east."""
+        self.feed_forward_mps2: Vec2 = (0.0, 0.0)
+        """What it added against the disturbance, along north and east."""
 
     def configure(self, parameters: Parameters) -> None:
         """Take other parameters; what is being commanded goes on, so that the vehicle does not jump."""
@@ -104,13 +113,20 @@ class Commander:
         self._hold.configure(parameters.hold)
         self._feed_forward.configure(parameters)
         self._correction.configure(parameters.control)
-        self._fade.configure(parameters.control)
+        self._disturbance.configure(parameters)
+        for fade in self._fades.values():
+            fade.configure(parameters.control)
         self._watch.configure(parameters)
 
     @property
     def active(self) -> bool:
-        """Whether a correction is in the setpoints."""
-        return self._fade.value > 0.0
+        """Whether a correction is in the setpoints, of the swing or the disturbance."""
+        return self._fade > 0.0
+
+    @property
+    def _fade(self) -> float:
+        """Of the part that is given most of."""
+        return max(fade.value for fade in self._fades.values())
 
     @property
     def law_acts(self) -> bool:
@@ -132,8 +148,16 @@ class Commander:
         """Why the correction is off until it is enabled again; empty where it need not be."""
         return self._watch.distrust
 
-    def conditions(self, evidence: Evidence, health: Health, *, gap: bool = False) -> Conditions:
+    def conditions(
+        self,
+        evidence: Evidence,
+        health: Health,
+        disturbance: DisturbanceEstimate | None,
+        *,
+        gap: bool = False,
+    ) -> Conditions:
         """Everything that decides whether a correction may leave; ``gap`` where this step lacks samples."""
+        doubt = "no disturbance is estimated" if disturbance is None else disturbance.doubt
         return Conditions(
             mode=self._parameters.mode,
             enabled=self._enabled,
@@ -150,6 +174,7 @@ class Commander:
             consistent=evidence.consistent,
             link=evidence.link and evidence.heartbeat,
             recovered=health in (Health.READY, Health.ACTIVE),
+            disturbance=doubt if self._parameters.disturbance.feed_forward else "feed-forward switched off",
         )
 
     def _is_high(self) -> bool:
@@ -209,11 +234,13 @@ class Commander:
     def drop(self) -> None:
         """Nothing follows the setpoints any more, or nobody asks: begin from zero the next time."""
         self._willing = self._meeting = False
-        self._fade.cut()
+        for fade in self._fades.values():
+            fade.cut()
         self._feed_forward.drop()
         self._correction.reset()
         self._watch.rest()
         self.push = NO_PUSH
+        self.feed_forward_mps2 = (0.0, 0.0)
 
     # ---- what is asked for
 
@@ -324,18 +351,22 @@ class Commander:
             # Copter takes off in GUIDED, and the first setpoint would end that wherever the vehicle is.
             self.drop()
             return None
-        allowed = may_correct(self.conditions(now.evidence, now.health, gap=now.gap))
-        self._willing = allowed and self._t_mono_s - self._steady_since_s > STEADY_S
+        conditions = self.conditions(now.evidence, now.health, now.disturbance, gap=now.gap)
+        allowed = may_leave(Part.SWING, conditions)
+        against_disturbance = may_leave(Part.DISTURBANCE, conditions)
+        self._willing = (allowed or against_disturbance) and self._t_mono_s - self._steady_since_s > STEADY_S
         if mode is Mode.INLINE:
             if not self._meeting:
                 self.push = NO_PUSH
+                self._lean(now, fade=0.0)
                 return None
             if not self._application.holds(self._t_mono_s):
                 # The application is silent: from here on so is swingd, and the autopilot's own failsafe acts.
                 self.drop()
                 return None
-        fade = self._fade.update(allowed, now.dt_s, harmful=bool(self._watch.distrust))
-        reference = self._inline_reference(fade) if mode is Mode.INLINE else self._hold_reference(now)
+        fade = self._fades[Part.SWING].update(allowed, now.dt_s, harmful=bool(self._watch.distrust))
+        lean = self._lean(now, self._fades[Part.DISTURBANCE].update(against_disturbance, now.dt_s))
+        reference = self._inline_reference() if mode is Mode.INLINE else self._hold_reference(now)
         if reference is not None:
             reference = self._shaped(reference, fade, now.dt_s)
         elif mode is Mode.INLINE:
@@ -343,14 +374,22 @@ class Commander:
         wanted = self._wanted(now) if allowed else None
         push = self._correction.update(wanted, fade, now.dt_s)
         if mode is Mode.INLINE:
-            push = push.scaled(self._application.freshness(self._t_mono_s, now.dt_s))
-        self._watch_damping(now, reference, push)
+            freshness = self._application.freshness(self._t_mono_s, now.dt_s)
+            push = push.scaled(freshness)
+            lean = (freshness * lean[0], freshness * lean[1])
+        self._watch_damping(now, reference, push, lean)
         self.push = push.turned(now.yaw_rad - now.level_yaw_rad) if push is not NO_PUSH else push
         if reference is None:
             return None
-        return _setpoint(now.t_boot_s, merge(reference, self.push, self._kind))
+        self.feed_forward_mps2 = lean
+        return _setpoint(now.t_boot_s, merge(reference, self.push.leaning(lean), self._kind))
 
-    def _watch_damping(self, now: Situation, reference: Reference | None, push: Push) -> None:
+    def _lean(self, now: Situation, fade: float) -> Vec2:
+        """Follow the disturbance; return the acceleration against it, north and east."""
+        self.feed_forward_mps2 = (0.0, 0.0)
+        return self._disturbance.update(now.disturbance, now.lift_n, fade, now.dt_s)
+
+    def _watch_damping(self, now: Situation, reference: Reference | None, push: Push, lean: Vec2) -> None:
         """See whether the push does what it is for."""
         position = self._position
         if reference is None or push == NO_PUSH or position is None:
@@ -364,6 +403,7 @@ class Commander:
             (n, e), (place_n, place_e) = reference.pos_ned_m[:2], position.pos_ned_m[:2]
             vel = (vel[0] + POSITION_GAIN_PER_S * (n - place_n), vel[1] + POSITION_GAIN_PER_S * (e - place_e))
         acc = reference.acc_ned_mps2[:2] if use & ACC_XY else (0.0, 0.0)
+        acc = (acc[0] + lean[0], acc[1] + lean[1])
         self._watch.update(
             Motion(
                 dt_s=now.dt_s,
@@ -410,10 +450,10 @@ class Commander:
             place_m=position.pos_ned_m[:2] if position is not None and known else None,
         )
 
-    def _inline_reference(self, fade: float) -> Reference | None:
+    def _inline_reference(self) -> Reference | None:
         """The application's setpoint; None once the correction has faded, so that its next one passes as it comes."""
         setpoint = self._application.setpoint
-        if setpoint is None or (fade <= 0.0 and not self._willing):
+        if setpoint is None or (self._fade <= 0.0 and not self._willing):
             self.drop()
             return None
         return carried(reference_of(setpoint), self._t_mono_s - setpoint.t_mono_s, self._kind)

@@ -25,6 +25,12 @@ class Push:
         """Turn the push about the down axis."""
         return Push(*(turn(vector, angle_rad) for vector in (self.acc_mps2, self.vel_mps, self.pos_m)))
 
+    def leaning(self, acc_mps2: Vec2) -> "Push":
+        """Add an acceleration that a force holds against: nothing moves, and no loop above needs a share of it."""
+        if acc_mps2 == (0.0, 0.0):
+            return self
+        return Push((self.acc_mps2[0] + acc_mps2[0], self.acc_mps2[1] + acc_mps2[1]), self.vel_mps, self.pos_m)
+
     def scaled(self, share: float) -> "Push":
         """Take a share of the push."""
         if share == 1.0:
@@ -87,21 +93,22 @@ class Correction:
             slow_y += blend * (wanted_mps2[1] - slow_y)
             self._slow = (slow_x, slow_y)
         wanted = (fade * (self._wanted[0] - slow_x), fade * (self._wanted[1] - slow_y))
-        target = _limit(wanted, control.acc_max_mps2)
-        step = _limit((target[0] - self._acc[0], target[1] - self._acc[1]), control.jerk_max_mps3 * dt_s)
+        target = limited(wanted, control.acc_max_mps2)
+        step = limited((target[0] - self._acc[0], target[1] - self._acc[1]), control.jerk_max_mps3 * dt_s)
         self._acc = (self._acc[0] + step[0], self._acc[1] + step[1])
         kept = math.exp(-dt_s / control.velocity_leak_s)
         faster = kept * self._vel[0] + self._acc[0] * dt_s, kept * self._vel[1] + self._acc[1] * dt_s
-        self._vel = _limit(faster, control.vel_max_mps)
+        self._vel = limited(faster, control.vel_max_mps)
         vel = (fade * self._vel[0], fade * self._vel[1])
         farther = kept * self._pos[0] + vel[0] * dt_s, kept * self._pos[1] + vel[1] * dt_s
-        self._pos = _limit(farther, control.displacement_max_m)
+        self._pos = limited(farther, control.displacement_max_m)
         self.limited = target != wanted or (self._vel != faster and control.vel_max_mps > 0.0)
         self.displaced = self._pos != farther
         return Push(self._acc, vel, (fade * self._pos[0], fade * self._pos[1]))
 
 
-def _limit(vector: Vec2, size: float) -> Vec2:
+def limited(vector: Vec2, size: float) -> Vec2:
+    """Shorten a vector to a length."""
     length = math.hypot(*vector)
     if length <= size:
         return vector

@@ -1,7 +1,8 @@
-"""One decision on whether a correction may leave, and one fade."""
+"""One table of what must hold before any part of a correction may leave, and its ramp."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 
 from swingd.model.events import FlightMode
 from swingd.model.parameters import Control, Mode
@@ -11,9 +12,16 @@ HARMFUL_OUT_S = 0.2
 """At most, to end a correction that does harm."""
 
 
+class Part(Enum):
+    """What may be added to a setpoint; each part is decided on by itself."""
+
+    SWING = "correction of the swing"
+    DISTURBANCE = "feed-forward of the disturbance"
+
+
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """Everything that the decision depends on."""
+    """Everything that the decisions depend on."""
 
     mode: Mode
     enabled: bool
@@ -40,40 +48,47 @@ class Conditions:
     """The link is alive and fast enough."""
     recovered: bool
     """Health is READY: nothing has spoken against the estimate for a while."""
+    disturbance: str
+    """Why the disturbance may not be fed forward, as far as it depends on its estimate; empty where it may."""
 
 
-_REQUIRED: tuple[tuple[Callable[[Conditions], bool], Callable[[Conditions], str]], ...] = (
-    (lambda c: c.mode is not Mode.SHADOW, lambda _: "mode shadow"),
-    (lambda c: c.enabled, lambda _: "switched off"),
-    (lambda c: c.trusted, lambda _: "does harm; off until enabled again"),
-    (lambda c: c.armed, lambda _: "not armed"),
-    (lambda c: c.flight_mode is FlightMode.OFFBOARD, lambda c: f"flight mode is {c.flight_mode.value}"),
-    (lambda c: c.high, lambda _: "too low"),
-    (lambda c: c.asked, lambda _: "nobody asks for a setpoint that can be corrected"),
-    (lambda c: c.payload is PayloadState.ATTACHED, lambda c: f"payload: {c.payload.value}"),
-    (lambda c: c.fresh, lambda _: "IMU or attitude late"),
-    (lambda c: c.finite, lambda _: "estimate not finite"),
-    (lambda c: c.settled, lambda _: "estimate settling"),
-    (lambda c: c.certain, lambda _: "estimate uncertain"),
-    (lambda c: c.consistent, lambda _: "measurements and model disagree"),
-    (lambda c: c.link, lambda _: "link late or silent"),
-    (lambda c: c.recovered, lambda _: "health is not ready"),
+_ALWAYS = frozenset(Part)
+_SWING = frozenset({Part.SWING})
+_DISTURBANCE = frozenset({Part.DISTURBANCE})
+
+_REQUIRED: tuple[tuple[frozenset[Part], Callable[[Conditions], bool], Callable[[Conditions], str]], ...] = (
+    (_ALWAYS, lambda c: c.mode is not Mode.SHADOW, lambda _: "mode shadow"),
+    (_ALWAYS, lambda c: c.enabled, lambda _: "switched off"),
+    (_SWING, lambda c: c.trusted, lambda _: "does harm; off until enabled again"),
+    (_ALWAYS, lambda c: c.armed, lambda _: "not armed"),
+    (_ALWAYS, lambda c: c.flight_mode is FlightMode.OFFBOARD, lambda c: f"flight mode is {c.flight_mode.value}"),
+    (_ALWAYS, lambda c: c.high, lambda _: "too low"),
+    (_ALWAYS, lambda c: c.asked, lambda _: "nobody asks for a setpoint that can be corrected"),
+    (_SWING, lambda c: c.payload is PayloadState.ATTACHED, lambda c: f"payload: {c.payload.value}"),
+    (_ALWAYS, lambda c: c.fresh, lambda _: "IMU or attitude late"),
+    (_SWING, lambda c: c.finite, lambda _: "estimate not finite"),
+    (_SWING, lambda c: c.settled, lambda _: "estimate settling"),
+    (_SWING, lambda c: c.certain, lambda _: "estimate uncertain"),
+    (_SWING, lambda c: c.consistent, lambda _: "measurements and model disagree"),
+    (_ALWAYS, lambda c: c.link, lambda _: "link late or silent"),
+    (_SWING, lambda c: c.recovered, lambda _: "health is not ready"),
+    (_DISTURBANCE, lambda c: not c.disturbance, lambda c: c.disturbance),
 )
-"""What must hold, and what to say where it does not."""
+"""For which parts it must hold, what must hold, and what to say where it does not."""
 
 
-def may_correct(conditions: Conditions) -> bool:
-    """Whether a correction may leave: every condition must hold, a doubt is a no."""
-    return all(holds(conditions) for holds, _ in _REQUIRED)
+def may_leave(part: Part, conditions: Conditions) -> bool:
+    """Whether a part of the correction may leave: every condition of its own must hold, a doubt is a no."""
+    return all(holds(conditions) for parts, holds, _ in _REQUIRED if part in parts)
 
 
-def withheld_by(conditions: Conditions) -> tuple[str, ...]:
-    """Name every condition that does not hold, for people; empty where `may_correct` says yes."""
-    return tuple(reason(conditions) for holds, reason in _REQUIRED if not holds(conditions))
+def withheld_by(part: Part, conditions: Conditions) -> tuple[str, ...]:
+    """Name every condition that does not hold, for people; empty where `may_leave` says yes."""
+    return tuple(reason(conditions) for parts, holds, reason in _REQUIRED if part in parts and not holds(conditions))
 
 
 class Fade:
-    """The one ramp between nothing and the whole correction."""
+    """The ramp between nothing and the whole of one part."""
 
     def __init__(self, control: Control) -> None:
         self.configure(control)

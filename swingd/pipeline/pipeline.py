@@ -20,6 +20,7 @@ from swingd.model.actions import (
     StatusText,
     SwingReport,
 )
+from swingd.model.disturbance import DisturbanceEstimate
 from swingd.model.estimate import FloatArray, ResetReason
 from swingd.model.events import (
     AppSetpoint,
@@ -48,7 +49,8 @@ from swingd.model.events import (
 from swingd.model.parameters import MassUse, Mode, Parameters, ThrustSource
 from swingd.pipeline.commander import Commander, Situation
 from swingd.pipeline.correction import turn
-from swingd.pipeline.envelope import withheld_by
+from swingd.pipeline.disturbance import DisturbanceObserver
+from swingd.pipeline.envelope import Part, withheld_by
 from swingd.pipeline.health import Evidence, HealthWatch, StreamState, StreamWatch
 from swingd.pipeline.payload_mass import MassEstimate
 from swingd.pipeline.payload_state import PayloadSample, PayloadState, PayloadWatch
@@ -72,6 +74,8 @@ LANDED_FOR_S = 1.0
 """The land detector must say so for this long."""
 ESTIMATED_FROM = ("vehicle", "payload", "cable", "thrust", "estimator", "link.imu_rate_hz")
 """Parameters that the estimate and the watch over its inputs are built from."""
+DISTURBANCE_FROM = tuple(f"disturbance.{name}" for name in ("source", "force_noise", "pos_noise_m", "vel_noise_mps"))
+"""What the estimate of the disturbance is built from besides."""
 
 
 class Pipeline:
@@ -116,6 +120,7 @@ class Pipeline:
         self._mass = self._payload.mass
         self._payload_mass_kg = parameters.payload.mass_kg
         self._estimator = make_estimator(parameters)
+        self._disturbance = DisturbanceObserver(parameters)
         self._streams = StreamWatch(parameters)
         self._health = HealthWatch(parameters)
         self._told: tuple[Health, str] | None = None
@@ -200,9 +205,28 @@ class Pipeline:
 
     @property
     def withheld_by(self) -> tuple[str, ...]:
-        """Every condition that keeps the correction off, for people; empty where it may leave."""
-        reasons = withheld_by(self._commander.conditions(self._evidence(), self._health.assessment.health))
+        """Every condition that keeps the correction of the swing off, for people; empty where it may leave."""
+        reasons = self._withheld_by(Part.SWING)
         return reasons if self._commander.law_acts else (*reasons, "no gains help this vehicle")
+
+    @property
+    def feed_forward_withheld_by(self) -> tuple[str, ...]:
+        """The same of the feed-forward of the disturbance."""
+        return self._withheld_by(Part.DISTURBANCE)
+
+    def _withheld_by(self, part: Part) -> tuple[str, ...]:
+        health = self._health.assessment.health
+        return withheld_by(part, self._commander.conditions(self._evidence(), health, self.disturbance))
+
+    @property
+    def disturbance(self) -> DisturbanceEstimate | None:
+        """Force on the vehicle besides thrust and weight; None where no source is configured."""
+        return self._disturbance.estimate()
+
+    @property
+    def feed_forward_mps2(self) -> tuple[float, float]:
+        """Acceleration that is set against the disturbance now, north and east [m/s^2]."""
+        return self._commander.feed_forward_mps2
 
     def inputs(self, t_mono_s: float) -> tuple[StreamState, ...]:
         """Return age and rate of every stream that is asked for, at a time of the host's monotonic clock [s]."""
@@ -227,7 +251,9 @@ class Pipeline:
             case Attitude():
                 self._streams.arrived(Stream.ATTITUDE, event.t_mono_s)
                 self._attitude.add(event)
-                self._commander.turn(self._attitude.take_yaw_jump())
+                yaw_jump_rad = self._attitude.take_yaw_jump()
+                self._commander.turn(yaw_jump_rad)
+                self._disturbance.turn(yaw_jump_rad)
                 if self._attitude.take_tilt_jump() and self._hangs:
                     self._reset(ResetReason.ATTITUDE)
             case Throttle():
@@ -240,6 +266,7 @@ class Pipeline:
                 self._streams.arrived(Stream.LOCAL_POSITION, event.t_mono_s)
                 self._position = event
                 self._commander.add_position(event)
+                self._disturbance.add_position(event)
             case Battery():
                 self._streams.arrived(Stream.BATTERY, event.t_mono_s)
                 if not self._thrust.add_battery(event):
@@ -272,6 +299,7 @@ class Pipeline:
                 self._blind_s = 0.0
                 self._thrust.reset_clock()
                 self._position = None
+                self._disturbance.reset()
                 self._commander.autopilot_restarted()
                 self._streams.restarted()
                 self._health.round_trip.restarted()
@@ -297,7 +325,9 @@ class Pipeline:
         before, self._parameters = self._parameters, parameters
         self._commander.configure(parameters)
         self._law_told = False
-        estimated_from = attrgetter(*ESTIMATED_FROM)
+        estimated_from, disturbance_from = attrgetter(*ESTIMATED_FROM), attrgetter(*DISTURBANCE_FROM)
+        if disturbance_from(before) != disturbance_from(parameters):
+            self._disturbance = DisturbanceObserver(parameters)
         if estimated_from(before) == estimated_from(parameters):
             return [StatusText(Severity.NOTICE, "parameters changed")]
         resets = self._estimator.resets
@@ -323,8 +353,10 @@ class Pipeline:
             if self._hangs:
                 self._reset(ResetReason.GAP)
             self._commander.drop()
+            self._disturbance.reset()
             return []
         thrust = self._read_inputs(interval, tilt)
+        self._observe_disturbance(interval, tilt, thrust)
         told: list[Action] = []
         if self._payload.update(self._payload_sample(interval, thrust)):
             told.append(self._payload_changed())
@@ -382,6 +414,15 @@ class Pipeline:
         self._force -= thrust.thrust_n * self._rotation[:, 2]
         return thrust
 
+    def _observe_disturbance(self, interval: ImuInterval, tilt: Tilt, thrust: ThrustReading) -> None:
+        along_x, along_y, along_z = (-thrust.thrust_n * self._rotation[:, 2]).tolist()
+        self._disturbance.step(
+            interval.t_boot_s,
+            interval.dt_s,
+            (*turn((along_x, along_y), tilt.yaw_rad - tilt.level_yaw_rad), along_z),
+            thrust_known=thrust.source is not ThrustSource.REMARK_1,
+        )
+
     def _payload_sample(self, interval: ImuInterval, thrust: ThrustReading) -> PayloadSample:
         """What this interval shows of the load."""
         force, body_down = _vec3(self._force), _vec3(self._rotation[:, 2])
@@ -421,6 +462,7 @@ class Pipeline:
     def _ground(self) -> None:
         """The vehicle stands or is disarmed: nothing hangs, nothing is corrected."""
         self._payload.grounded()
+        self._disturbance.reset()
         self._estimating = False
         self._commander.land()
         self._reset(ResetReason.START)
@@ -501,6 +543,7 @@ class Pipeline:
     def _command(self, interval: ImuInterval, tilt: Tilt, thrust_n: float, evidence: Evidence) -> list[Action]:
         """Command, and say what is estimated."""
         x, y, x_rate, y_rate = self._vector.tolist()
+        disturbance = self.disturbance
         setpoint = self._commander.step(
             Situation(
                 t_boot_s=interval.t_boot_s,
@@ -517,6 +560,8 @@ class Pipeline:
                 evidence=evidence,
                 health=self._health.assessment.health,
                 taking_off=self._landed is LandedState.TAKING_OFF,
+                lift_n=thrust_n * float(self._rotation[2, 2]),
+                disturbance=disturbance,
             )
         )
         actions: list[Action] = [setpoint] if setpoint is not None else []
@@ -541,6 +586,8 @@ class Pipeline:
                 health=self.health,
                 payload_mass_kg=self._mass.mass_kg,
                 payload_mass_std_kg=self._mass.std_kg,
+                disturbance=disturbance,
+                feed_forward_acc_ned_mps2=(*self._commander.feed_forward_mps2, 0.0),
             )
         )
         return actions

@@ -20,12 +20,15 @@ COLUMNS = (
     "thrust_scale",
     "health",
 )
-"""Angles and rates of the heading frame; the force is that on the vehicle besides its known drag, in NED."""
+"""Angles and rates of the heading frame; the force is that on the vehicle besides known drag and load, in NED."""
+DISTURBANCE_COLUMNS = ("disturbance_n_n", "disturbance_e_n", "disturbance_d_n", "disturbance_doubt")
+"""The whole force besides thrust and weight, and why it is not to be acted on; where a source of it is configured."""
 
 
 def write_reports(file: TextIO, reports: Sequence[SwingReport]) -> None:
     """Write the reports as CSV."""
-    file.write(",".join(COLUMNS) + "\n")
+    whole = any(report.disturbance is not None for report in reports)
+    file.write(",".join(COLUMNS + (DISTURBANCE_COLUMNS if whole else ())) + "\n")
     for report in reports:
         values = (
             report.xi_rad,
@@ -38,5 +41,13 @@ def write_reports(file: TextIO, reports: Sequence[SwingReport]) -> None:
             report.thrust_n,
             report.thrust_scale,
         )
-        row = ",".join(f"{value:.9g}" for value in values)
-        file.write(f"{report.t_boot_s:.6f},{row},{report.health.value}\n")
+        row = f"{report.t_boot_s:.6f},{_joined(values)},{report.health.value}"
+        if report.disturbance is not None:
+            row += f",{_joined(report.disturbance.force_ned_n)},{report.disturbance.doubt}"
+        elif whole:
+            row += ",,,,"
+        file.write(row + "\n")
+
+
+def _joined(values: Sequence[float]) -> str:
+    return ",".join(f"{value:.9g}" for value in values)

@@ -118,6 +118,7 @@ def condition(
         "autopilot": _autopilot(engine),
         "payload": _payload(engine),
         "correction": _correction(engine),
+        "disturbance": _disturbance(engine),
         "filter": {
             "joined": engine.has_joined,
             "steps": recent.filter_steps,
@@ -170,6 +171,21 @@ def _correction(engine: Engine) -> dict[str, Any]:
         return {"on": False, "enabled": enabled, "withheld_by": ["no filter runs"]}
     pipeline = engine.pipeline
     return {"on": pipeline.correcting, "enabled": enabled, "withheld_by": list(pipeline.withheld_by)}
+
+
+def _disturbance(engine: Engine) -> dict[str, Any] | None:
+    """The force on the vehicle besides thrust and weight; None where none is estimated."""
+    estimate = engine.pipeline.disturbance if engine.has_joined else None
+    if estimate is None:
+        return None
+    pipeline = engine.pipeline
+    return {
+        "force_ned_n": list(estimate.force_ned_n),
+        "std_n": list(estimate.force_std_n),
+        "doubt": estimate.doubt,
+        "fed_forward": any(pipeline.feed_forward_mps2),
+        "withheld_by": list(pipeline.feed_forward_withheld_by),
+    }
 
 
 def _inputs(t_mono_s: float, engine: Engine) -> list[dict[str, Any]]:

@@ -99,6 +99,8 @@ class Bench:
             "tilt_acc_mps2": self._followed(),
             "direction": (0.1, -0.05),
             "direction_rate_per_s": (0.2, 0.1),
+            "lift_n": 22.5,
+            "disturbance": None,
         }
         setpoint = self.commander.step(
             Situation(

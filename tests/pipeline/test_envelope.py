@@ -11,21 +11,40 @@ from hypothesis import strategies as st
 
 from swingd.model.events import FlightMode
 from swingd.model.parameters import Control, Mode
-from swingd.pipeline.envelope import Conditions, Fade, may_correct, withheld_by
+from swingd.pipeline.envelope import Conditions, Fade, Part, may_leave, withheld_by
 from swingd.pipeline.payload_state import PayloadState
 
 KINDS: dict[str, type[Enum]] = {"mode": Mode, "flight_mode": FlightMode, "payload": PayloadState}
-DOMAINS = {field.name: tuple(KINDS.get(field.name, (False, True))) for field in fields(Conditions)}
+DOMAINS: dict[str, tuple[Any, ...]] = {
+    field.name: tuple(KINDS.get(field.name, (False, True))) for field in fields(Conditions)
+} | {"disturbance": ("", "disturbance settling")}
+SWING_ALONE = {
+    "trusted": (False, True),
+    "payload": tuple(PayloadState),
+    **dict.fromkeys(("finite", "settled", "certain", "consistent", "recovered"), (False, True)),
+}
+"""What the feed-forward of the disturbance does not depend on: it needs neither load nor cable."""
 
 YES: dict[str, Any] = dict.fromkeys(DOMAINS, True)
-GOOD = Conditions(**YES | {"mode": Mode.HOLD, "flight_mode": FlightMode.OFFBOARD, "payload": PayloadState.ATTACHED})
+GOOD = Conditions(
+    **YES | {"mode": Mode.HOLD, "flight_mode": FlightMode.OFFBOARD, "payload": PayloadState.ATTACHED, "disturbance": ""}
+)
+STREAMING = (Mode.HOLD, Mode.INLINE)
 
 
 def test_every_combination() -> None:
     combinations = [Conditions(*values) for values in itertools.product(*DOMAINS.values())]
-    assert len(combinations) == 3 * 3 * len(PayloadState) * 2**12
-    allowed = {conditions for conditions in combinations if may_correct(conditions)}
-    assert allowed == {replace(GOOD, mode=mode) for mode in (Mode.HOLD, Mode.INLINE)}
+    assert len(combinations) == 3 * 3 * len(PayloadState) * 2**13
+    swing = {conditions for conditions in combinations if may_leave(Part.SWING, conditions)}
+    assert swing == {
+        replace(GOOD, mode=mode, disturbance=doubt) for mode in STREAMING for doubt in DOMAINS["disturbance"]
+    }
+    disturbance = {conditions for conditions in combinations if may_leave(Part.DISTURBANCE, conditions)}
+    assert disturbance == {
+        replace(GOOD, mode=mode, **dict(zip(SWING_ALONE, values, strict=True)))
+        for mode in STREAMING
+        for values in itertools.product(*SWING_ALONE.values())
+    }
 
 
 @pytest.mark.parametrize(("fade_in_s", "fade_out_s"), [(1.0, 0.5), (0.0, 0.5), (2.0, 0.0), (0.0, 0.0)])
@@ -51,15 +70,16 @@ def test_the_fade_stays_within_its_slope(fade_in_s: float, fade_out_s: float, st
         assert abs(after - before) * ramp_s <= dt_s * (1.0 + 1e-9)
 
 
+@pytest.mark.parametrize("part", Part)
 @pytest.mark.parametrize("name", DOMAINS)
-def test_what_withholds_a_correction_is_named_once_for_each_condition(name: str) -> None:
+def test_what_withholds_a_part_is_named_once_for_each_condition(name: str, part: Part) -> None:
     for value in DOMAINS[name]:
         conditions = replace(GOOD, **{name: value})
-        assert len(withheld_by(conditions)) == (not may_correct(conditions))
+        assert len(withheld_by(part, conditions)) == (not may_leave(part, conditions))
 
 
 def test_everything_that_withholds_a_correction_is_named() -> None:
-    assert withheld_by(replace(GOOD, enabled=False, armed=False)) == ("switched off", "not armed")
+    assert withheld_by(Part.SWING, replace(GOOD, enabled=False, armed=False)) == ("switched off", "not armed")
 
 
 def test_other_ramps_are_taken_where_the_fade_stands() -> None:
