@@ -74,31 +74,31 @@ class SltsFlightParam(IntEnum):
     ACC_BIAS = 21
     """frd, 3 [m/s^2]."""
     POS_STD = 24
-    """Slow error of the autopilot's position [m]."""
-    VEL_STD = 25
-    """Slow error of the autopilot's velocity [m/s]."""
-    GNSS_TIME = 26
-    GNSS_SMOOTHING = 27
+    """Slow error of the autopilot's position, level and vertical, 2 [m]."""
+    VEL_STD = 26
+    """Of its velocity, 2 [m/s]."""
+    GNSS_TIME = 28
+    GNSS_SMOOTHING = 29
     """The autopilot's inertial sensors carry the error that much further [s]."""
-    GNSS_EVERY = 28
+    GNSS_EVERY = 30
     """Steps between two positions; velocities come halfway in between."""
-    GNSS_DELAY = 29
+    GNSS_DELAY = 31
     """Steps."""
-    CAMERA_PERIOD = 30
+    CAMERA_PERIOD = 32
     """[s]"""
-    CAMERA_DELAY = 31
+    CAMERA_DELAY = 33
     """Steps."""
-    CAMERA_STD = 32
+    CAMERA_STD = 34
     """Every axis [m]."""
-    CAMERA_STD_SHARE = 33
+    CAMERA_STD_SHARE = 35
     """Of the distance, on top."""
-    CAMERA_HALF_ANGLE = 34
+    CAMERA_HALF_ANGLE = 36
     """Of the field of view about the body's down axis [rad]."""
-    FILTER_POS_STD = 35
-    FILTER_VEL_STD = 36
-    P0 = 37
+    FILTER_POS_STD = 37
+    FILTER_VEL_STD = 38
+    P0 = 39
     """Initial variances, 10."""
-    SIZE = 47
+    SIZE = 49
 
 
 class SltsFlightLog(IntEnum):
@@ -173,16 +173,18 @@ NOISE_PER_STEP = 18
 """Standard normals of one step: attitude, gyro, accelerometer, position, velocity, 3 spare for the camera."""
 WHITE_PER_STEP = 8
 """Standard normals for the air at the vehicle and at the load."""
+_TILT_SMOOTHING_S = 0.02
 _WAITING = 8
 """Pictures on their way."""
 
 
-@kernel(VOID(VEC, VEC, F8, F8, F8, F8, VEC))
-def _drift(error, raw, std, time_s, smoothing_s, dt_s, normal):
-    """Advance a slow error of three components: Gauss-Markov, smoothed once more, of the deviation ``std``."""
-    drive = std * sqrt(2.0 * dt_s / time_s * (time_s + smoothing_s) / time_s)
+@kernel(VOID(VEC, VEC, F8, F8, F8, F8, F8, VEC))
+def _drift(error, raw, level_std, vertical_std, time_s, smoothing_s, dt_s, normal):
+    """Advance a slow error of three components: Gauss-Markov, smoothed once more, of the given deviations."""
+    drive = sqrt(2.0 * dt_s / time_s * (time_s + smoothing_s) / time_s)
     for i in range(3):
-        raw[i] += -dt_s / time_s * raw[i] + drive * normal[i]
+        std = level_std if i < 2 else vertical_std
+        raw[i] += -dt_s / time_s * raw[i] + std * drive * normal[i]
         error[i] += dt_s / smoothing_s * (raw[i] - error[i])
 
 
@@ -284,8 +286,9 @@ def fly(
     pos_error, pos_raw, vel_error, vel_raw = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     for i in range(3):
         tilt[i] = tilt_raw[i] = f[_F.TILT_STD] * noise[0, i]
-        pos_error[i] = pos_raw[i] = f[_F.POS_STD] * noise[0, 9 + i]
-        vel_error[i] = vel_raw[i] = f[_F.VEL_STD] * noise[0, 12 + i]
+        axis = 0 if i < 2 else 1
+        pos_error[i] = pos_raw[i] = f[_F.POS_STD + axis] * noise[0, 9 + i]
+        vel_error[i] = vel_raw[i] = f[_F.VEL_STD + axis] * noise[0, 12 + i]
     R, R_d, R_before, J = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -457,9 +460,17 @@ def fly(
         felt_mean, pushed = np.zeros(3), np.zeros(3)
         for _ in range(every):
             normal = noise[step_count]
-            _drift(tilt, tilt_raw, f[_F.TILT_STD], f[_F.TILT_TIME], 10.0 * dt_s, dt_s, normal[0:3])
-            _drift(pos_error, pos_raw, f[_F.POS_STD], f[_F.GNSS_TIME], f[_F.GNSS_SMOOTHING], dt_s, normal[9:12])
-            _drift(vel_error, vel_raw, f[_F.VEL_STD], f[_F.GNSS_TIME], f[_F.GNSS_SMOOTHING], dt_s, normal[12:15])
+            _drift(
+                tilt, tilt_raw, f[_F.TILT_STD], f[_F.TILT_STD], f[_F.TILT_TIME], _TILT_SMOOTHING_S, dt_s, normal[0:3]
+            )
+            _drift(
+                pos_error, pos_raw, f[_F.POS_STD], f[_F.POS_STD + 1], f[_F.GNSS_TIME], f[_F.GNSS_SMOOTHING], dt_s,
+                normal[9:12],
+            )  # fmt: skip
+            _drift(
+                vel_error, vel_raw, f[_F.VEL_STD], f[_F.VEL_STD + 1], f[_F.GNSS_TIME], f[_F.GNSS_SMOOTHING], dt_s,
+                normal[12:15],
+            )  # fmt: skip
             _believed_attitude(R, x[_S.QUAT : _S.QUAT + 4], tilt)
             for i in range(3):
                 rate[i] = x[_S.RATE + i] + f[_F.GYRO_STD] * normal[3 + i]

@@ -16,9 +16,9 @@ CRUISE_MPS = 2.0
 class Gains:
     """Of the path following (10) and the attitude tracking (12); the paper prints none. One set for every flight."""
 
-    k_p: float = 0.5
+    k_p: float = 0.7
     """[1/s]"""
-    k_l: float = 2.0
+    k_l: float = 1.5
     """[1/s]"""
     k_0_per_mass: float = 1.0
     """K0 over the mass of vehicle and load [1/s]."""
@@ -30,7 +30,7 @@ class Gains:
     """[1/s]"""
     kappa: float = 2.0
     """[1/s]"""
-    lead_m: float = 1.0
+    lead_m: float = 1.25
     """A leg ends where less than this is left of it."""
     tilt_max_rad: float = radians(35.0)
     attitude_radps: float = 14.0
@@ -47,9 +47,10 @@ class Sensors:
     gyro_radps: float = 0.01
     acc_mps2: float = 0.14
     acc_bias_frd_mps2: Vec3 = (0.03, -0.02, 0.04)
-    pos_std_m: float = 0.05
-    vel_std_mps: float = 0.05
-    gnss_time_s: float = 2.0
+    pos_std_m: tuple[float, float] = (0.06, 0.03)
+    """Level, vertical; about the mean, for where the autopilot's origin lies is no error of following."""
+    vel_std_mps: tuple[float, float] = (0.022, 0.006)
+    gnss_time_s: float = 3.0
     gnss_smoothing_s: float = 0.3
     gnss_hz: float = 25.0
     gnss_delay_s: float = 0.02
@@ -62,13 +63,17 @@ class Sensors:
     dropout_s: float = 0.5
 
 
+SENSORS_IN_WIND = Sensors(pos_std_m=(0.07, 0.09), vel_std_mps=(0.055, 0.055), gnss_time_s=5.0)
+"""Errors of the autopilot's position and velocity, as `Sensors` has them for a calm flight, in wind and with a noisy IMU."""
+
+
 @dataclass(frozen=True, slots=True)
 class FilterNoise:
     """What the filters take for noise; the same with and without Gaussian process."""
 
-    force_n: float = 0.25
-    """Of the thrust, every axis [N/sqrt(Hz)]."""
-    load_force_n: float = 0.05
+    force_n: Vec3 = (0.25, 0.25, 1.5)
+    """Of the thrust, ned [N/sqrt(Hz)]; its size, which the battery's voltage changes, is less certain than its direction."""
+    load_force_n: float = 0.04
     """[N/sqrt(Hz)]"""
     model_memory_s: float = 0.3
     pos_std_m: float = 0.1
@@ -76,6 +81,10 @@ class FilterNoise:
     nis_gate: float = 30.0
     initial_std: tuple[float, ...] = (0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.5, 0.5)
     """Of x_p, r, v_p, v."""
+
+
+NOISE_IN_WIND = FilterNoise(load_force_n=0.1)
+"""Gusts push the load; no other figure differs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +133,8 @@ OUTDOOR = Scenario(
     thrust_factor=0.85,
     wind_ned_mps=(-1.5, 1.0, 0.0),
     turbulence_6m_mps=3.0,
+    sensors=SENSORS_IN_WIND,
+    noise=NOISE_IN_WIND,
 )
 SCENARIOS = (SQUARE, CIRCLE, OUTDOOR)
 
@@ -141,9 +152,9 @@ TRAINING = tuple(
 """None of their legs is one of the paths that are judged."""
 
 
-def with_vehicle_of(scenario: Scenario, other: Scenario) -> Scenario:
-    """Return a scenario flown by another one's vehicle, with its lack of thrust and its weather."""
+def like(path: Scenario, other: Scenario) -> Scenario:
+    """Return a path flown by another scenario's vehicle in its weather, with its lack of thrust, sensors and filters."""
     return replace(
-        scenario, vehicle=other.vehicle, thrust_factor=other.thrust_factor, wind_ned_mps=other.wind_ned_mps,
-        turbulence_6m_mps=other.turbulence_6m_mps,
+        other, name=f"{path.name} for {other.name}", waypoints_ned_m=path.waypoints_ned_m, start_ned_m=None,
+        cruise_mps=path.cruise_mps, yaw_rad=path.yaw_rad,
     )  # fmt: skip

@@ -23,6 +23,7 @@ from swingd.estimation.acceleration_model import NOTHING_LEARNED, Prepared
 from swingd.model.errors import StudyError
 from swingd.model.estimate import FloatArray
 from swingd.studies.slts.cases import Scenario
+from swingd.studies.slts.vehicles import CABLE_M
 
 DT_S = 0.002
 """Step of the plant: Runge-Kutta at 500 Hz."""
@@ -83,8 +84,8 @@ def run(scenario: Scenario, seed: int, gp: Prepared = NOTHING_LEARNED, feedback:
     weaker = rotors.copy()
     weaker[:, Rotor.THRUST] *= scenario.thrust_factor
     load = np.array(scenario.start_ned_m or scenario.waypoints_ned_m[0])
-    stretch = vehicle.load_mass_kg * GRAVITY_MPS2 / vehicle.cable_stiffness_n_per_m
-    load[2] -= vehicle.cable_length_m + stretch + vehicle.hook_frd_m[2]
+    stretch_m = vehicle.load_mass_kg * GRAVITY_MPS2 / vehicle.cable_stiffness_n_per_m
+    load[2] -= vehicle.hook_frd_m[2] + vehicle.cable_length_m + stretch_m
     x = vehicle.hovering((float(load[0]), float(load[1]), float(load[2])), scenario.yaw_rad, 0.0, 0.0)
     log = np.full((rows, SltsFlightLog.SIZE), np.nan)
     written = int(
@@ -110,7 +111,7 @@ def path_parameters(scenario: Scenario) -> FloatArray:
         {
             PathParam.MASS: vehicle.mass_kg,
             PathParam.PAYLOAD_MASS: vehicle.load_mass_kg,
-            PathParam.CABLE_LENGTH: vehicle.cable_length_m,
+            PathParam.CABLE_LENGTH: CABLE_M,
             PathParam.CRUISE: scenario.cruise_mps,
             PathParam.LEAD: gains.lead_m,
             PathParam.K_P: gains.k_p,
@@ -135,8 +136,8 @@ def filter_parameters(scenario: Scenario) -> FloatArray:
         {
             GpEkfParam.MASS: vehicle.mass_kg,
             GpEkfParam.PAYLOAD_MASS: vehicle.load_mass_kg,
-            GpEkfParam.CABLE_LENGTH: vehicle.cable_length_m,
-            GpEkfParam.FORCE_NOISE: (noise.force_n**2,) * 3,
+            GpEkfParam.CABLE_LENGTH: CABLE_M,
+            GpEkfParam.FORCE_NOISE: np.square(noise.force_n),
             GpEkfParam.LOAD_FORCE_NOISE: noise.load_force_n**2,
             GpEkfParam.MODEL_MEMORY: noise.model_memory_s,
             GpEkfParam.NIS_GATE: noise.nis_gate,

@@ -5,6 +5,11 @@ from dataclasses import replace
 from swingd.studies.drones2023.vehicles import Blade, RotorUnit, Vehicle
 
 
+CABLE_M = 1.6
+"""From the vehicle's centre of mass to the load's along the unstretched cable: what one measures, and the filter is told."""
+_HOOK_M = 0.05
+
+
 def _quadrotor() -> Vehicle:
     arm, hub_m = 0.5 / 2.0 * 2.0**-0.5, -0.03
     places = ((arm, arm, 1), (-arm, -arm, 1), (arm, -arm, -1), (-arm, arm, -1))
@@ -26,14 +31,14 @@ def _quadrotor() -> Vehicle:
         reference_density_kg_m3=1.225,
         rotor_lag_s=0.03,
         rotor_thrust_max_n=12.0,
-        hook_frd_m=(0.0, 0.0, 0.05),
+        hook_frd_m=(0.0, 0.0, _HOOK_M),
         centre_of_pressure_frd_m=(0.0, 0.0, 0.0),
         imu_frd_m=(0.0, 0.0, 0.0),
         drag_area_m2=(0.03, 0.03, 0.06),
         load_mass_kg=0.5,
-        load_drag_area_m2=0.03,  # a box of 0.15 m that carries a tag
-        cable_length_m=1.6,
-        cable_stiffness_n_per_m=150.0,  # 33 mm under the load's weight
+        load_drag_area_m2=0.055,  # a parcel of 0.25 by 0.2 m
+        cable_length_m=CABLE_M - _HOOK_M,
+        cable_stiffness_n_per_m=300.0,  # a cord of nylon: 16 mm under the load's weight
         cable_damping_ns_per_m=2.0,
         origin_altitude_m=0.0,
     )
