@@ -63,8 +63,8 @@ class PathSettings:
         weight_n = self.total_mass_kg * GRAVITY_MPS2
         packed = np.array(
             [
-                self.mass_kg, self.payload_mass_kg, self.cable_length_m, self.cruise_mps, self.lead_m, self.k_p, self.k_l,
-                self.k_0_per_mass * self.total_mass_kg, self.k_r, self.leak, self.lambda_t, self.kappa,
+                self.mass_kg, self.payload_mass_kg, self.cable_length_m, self.cruise_mps, self.lead_m, self.k_p,
+                self.k_l, self.k_0_per_mass * self.total_mass_kg, self.k_r, self.leak, self.lambda_t, self.kappa,
                 self.tilt_max_rad, self.lift_min * weight_n, self.lift_max * weight_n,
             ]
         )  # fmt: skip
@@ -97,7 +97,7 @@ class PathFollower:
         self._begun = False
 
     def begin(self, x: FloatArray) -> Status:
-        """Start on the first leg with an estimate (10,), without any disturbance known; see `update` for the answers."""
+        """Start on the first leg with an estimate (10,), no disturbance known; see `update` for the answers."""
         if not _finite(x, SltsState.REL_VEL + 2):
             return Status.INPUT_INVALID
         status = Status(kernels.begin(self._state, np.ascontiguousarray(x, dtype=float), self._waypoints, self._p))
@@ -105,7 +105,9 @@ class PathFollower:
         self._terms[:] = 0.0
         return status
 
-    def update(self, x: FloatArray, thrust_ned_n: FloatArray, specific_force_ned_mps2: FloatArray, dt_s: float) -> Status:
+    def update(
+        self, x: FloatArray, thrust_ned_n: FloatArray, specific_force_ned_mps2: FloatArray, dt_s: float
+    ) -> Status:
         """Compute the thrust wanted now.
 
         Parameters
@@ -152,8 +154,9 @@ class PathFollower:
 
     @property
     def acceleration_ned_mps2(self) -> FloatArray:
-        """(3,) the same as the acceleration that an autopilot takes which knows the thrust of hovering with the load."""
-        return self.thrust_ned_n / self._settings.total_mass_kg + np.array([0.0, 0.0, GRAVITY_MPS2])
+        """(3,) the same as acceleration, for an autopilot that knows the thrust of hovering with the load."""
+        gravity = np.array([0.0, 0.0, GRAVITY_MPS2])
+        return np.asarray(self.thrust_ned_n / self._settings.total_mass_kg + gravity)
 
     def attitude(self, yaw_rad: float) -> FloatArray:
         """Return ned_from_frd (3, 3) that gives the wanted thrust with the nose towards a heading, (11)."""
@@ -189,7 +192,8 @@ def _checked(waypoints_ned_m: Sequence[Vec3]) -> FloatArray:
     for number, waypoint in enumerate(waypoints_ned_m, start=1):
         if len(waypoint) != 3 or not all(abs(value) <= POSITION_MAX_M for value in waypoint):
             raise ConfigurationError(
-                f"path: waypoint {number}: {tuple(waypoint)} given; expected north, east, down within {POSITION_MAX_M:g} m"
+                f"path: waypoint {number}: {tuple(waypoint)} given; "
+                f"expected north, east, down within {POSITION_MAX_M:g} m"
             )
     waypoints = np.array(waypoints_ned_m, dtype=float)
     for number, length_m in enumerate(np.linalg.norm(np.diff(waypoints, axis=0), axis=1), start=2):

@@ -26,8 +26,8 @@ def tracking_torque(torque_out, R, rate, R_d, rate_d, rate_d_rate, J, b_r, b_ome
 
     Notes
     -----
-    With R~ = R_d^T R, w~ = w - R~^T w_d and e_r = sum e_i x R~ e_i the loop is J w~' = -b_w w~ - b_r e_r - w~ x J w~: the
-    energy 1/2 w~.J w~ + b_r (3 - tr R~) loses b_w |w~|^2. e_r is twice a small rotation's vector.
+    With R~ = R_d^T R, w~ = w - R~^T w_d and e_r = sum e_i x R~ e_i the loop is J w~' = -b_w w~ - b_r e_r - w~ x J w~:
+    the energy 1/2 w~.J w~ + b_r (3 - tr R~) loses b_w |w~|^2. e_r is twice a small rotation's vector.
     """
     off = np.empty((3, 3))
     for i in range(3):
@@ -73,7 +73,9 @@ def rate_between(rate_out, R_before, R_after, dt_s):
     turn = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
-            turn[i, j] = R_before[0, i] * R_after[0, j] + R_before[1, i] * R_after[1, j] + R_before[2, i] * R_after[2, j]
+            turn[i, j] = (
+                R_before[0, i] * R_after[0, j] + R_before[1, i] * R_after[1, j] + R_before[2, i] * R_after[2, j]
+            )
     angle = acos(min(max(0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0), -1.0), 1.0))
     scale = 0.5 / dt_s
     if angle > 1e-4:

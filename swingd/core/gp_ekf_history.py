@@ -143,9 +143,12 @@ def _repeat(nodes, covariances, ring, place, p, Z, weights, K_inv, inv_sq_scales
     return _OK
 
 
-@kernel(I8(MAT, VEC, F8))
-def _make_room(nodes, ring, t_s):
-    """Open a place for a node of this time, after those of the same time; -1 where it is older than all."""
+@kernel(I8(MAT, VEC, F8, I8))
+def _make_room(nodes, ring, t_s, source):
+    """Open a place for a node of this time; -1 where it is older than all.
+
+    Nodes of the same time lie in the order of their sources, whenever they came.
+    """
     count = int(ring[_R.COUNT])
     full = count == nodes.shape[0]
     if t_s < nodes[_row(ring, nodes, 1 if full else 0), _N.T]:
@@ -154,7 +157,10 @@ def _make_room(nodes, ring, t_s):
         ring[_R.FIRST] = _row(ring, nodes, 1)
         count -= 1
     place = count
-    while nodes[_row(ring, nodes, place - 1), _N.T] > t_s:
+    while place > 1:
+        before = _row(ring, nodes, place - 1)
+        if nodes[before, _N.T] < t_s or (nodes[before, _N.T] == t_s and nodes[before, _N.SOURCE] <= source):
+            break
         place -= 1
     ring[_R.COUNT] = count + 1
     for at in range(count, place, -1):
@@ -186,7 +192,7 @@ def step(nodes, covariances, ring, t_s, force, p, Z, weights, K_inv, inv_sq_scal
         return _INPUT_INVALID
     last_s = ring[_R.STEP_T]
     ring[_R.STEP_T] = t_s
-    place = _make_room(nodes, ring, t_s)
+    place = _make_room(nodes, ring, t_s, 0)
     row = _row(ring, nodes, place)
     nodes[row, :] = 0.0
     nodes[row, _N.T] = t_s
@@ -228,7 +234,7 @@ def measure(
     """
     if not t_s <= ring[_R.STEP_T] + AHEAD_MAX_S:
         return _INPUT_INVALID
-    place = _make_room(nodes, ring, t_s)
+    place = _make_room(nodes, ring, t_s, source)
     if place < 0:
         return _TOO_LATE
     row = _row(ring, nodes, place)

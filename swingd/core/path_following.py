@@ -1,8 +1,8 @@
 """Path following of a slung load, (5)-(11) of the GP-EKF paper, every term under the paper's symbol.
 
 The load follows straight legs between waypoints at a cruise speed. Frame ned; r, v and l = (r, -s) are the vehicle
-relative to the load (`swingd.core.slts`), q = l / l. With the load's velocity error s_p = v_p + zeta, the swing's s_mu =
-v + mu and sigma = s_p + B s_mu, the vehicle's, the law is that of the energy
+relative to the load (`swingd.core.slts`). With the load's velocity error s_p = v_p + zeta, the swing's s_mu = v + mu
+and sigma = s_p + B s_mu, the vehicle's, the law is that of the energy
 
     E = 1/2 (s_p, s_mu)^T M (s_p, s_mu) + W.l + |W| l,      W = m_p g + d_T
 
@@ -11,8 +11,8 @@ of velocities and of the cable out of its equilibrium, whose rate is
     E' = -K0 |sigma|^2 - k_L (r - r_d).B^T W + m_p s_p.zeta' + sigma.f_b
 
 The second term is never positive. F, the swing's error that the load's velocity is asked to give way to, makes
-m_p s_p.zeta' damp s_p: with k_p = lambda = 0 it is m_p k_r s_p.B s_mu = m_p k_r (s_p.sigma - |s_p|^2), and f_b = -m_p k_r
-s_p takes the mixed part away. k_p and lambda add terms of their own size that E alone does not judge.
+m_p s_p.zeta' damp s_p: with k_p = lambda = 0 it is m_p k_r s_p.B s_mu = m_p k_r (s_p.sigma - |s_p|^2), and
+f_b = -m_p k_r s_p takes the mixed part away. k_p and lambda add terms of their own size that E alone does not judge.
 
 What the paper prints otherwise: (7) has the wrong sign, for r is the vehicle relative to the load; in (10) f_b would
 cancel f_0's zeta' and s_p is undefined; in (11) the vehicle would fly upside down.

@@ -437,7 +437,7 @@ def fly(
         log[row, _L.THRUST], log[row, _L.TENSION] = y[_Y.THRUST], y[_Y.TENSION]
         log[row, _L.TILT] = sqrt(R[0, 2] ** 2 + R[1, 2] ** 2)
         leg, last = int(state[_M.LEG]), waypoints.shape[0] - 1
-        leg_length, along, along_vel = 0.0, 0.0, 0.0
+        leg_length, along = 0.0, 0.0
         for i in range(3):
             if leg < last:
                 way = waypoints[leg + 1, i] - waypoints[leg, i]

@@ -1,4 +1,4 @@
-"""A trained Gaussian process of the cable's acceleration error, (17) of the GP-EKF paper, and the file that holds it."""
+"""A trained Gaussian process of the cable's acceleration error, (17) of the GP-EKF paper, and its file."""
 
 import json
 import math

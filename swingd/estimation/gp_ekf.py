@@ -130,8 +130,9 @@ class GpEkf:
         Returns
         -------
         Status
-            ``OK`` where the estimate was advanced; ``INPUT_INVALID`` where an input is not finite, time does not advance
-            or nothing has started yet, and nothing was done; anything else where the estimate began anew instead.
+            ``OK`` where the estimate was advanced; ``INPUT_INVALID`` where an input is not finite, time does not
+            advance or nothing has started yet, and nothing was done; anything else where the estimate began anew
+            instead.
         """
         if not ((abs(force_ned_n) < INPUT_MAX).all() and abs(t_s) < INPUT_MAX and self.started):
             return Status.INPUT_INVALID
@@ -155,9 +156,9 @@ class GpEkf:
         Returns
         -------
         Status
-            ``OK`` or ``GATED``; ``TOO_LATE`` where it is older than the memory; ``INPUT_INVALID`` where it is not finite,
-            its deviation not positive, its stamp in the future, or where nothing has started and it is no position;
-            anything else where the estimate began anew instead.
+            ``OK`` or ``GATED``; ``TOO_LATE`` where it is older than the memory; ``INPUT_INVALID`` where it is not
+            finite, its deviation not positive, its stamp in the future, or where nothing has started and it is no
+            position; anything else where the estimate began anew instead.
         """
         value, std = np.array(measurement.value, dtype=float), np.array(measurement.std, dtype=float)
         valid = (abs(value) < INPUT_MAX).all() and (std > 0.0).all() and (std < INPUT_MAX).all()

@@ -136,8 +136,8 @@ def train(
 
     Notes
     -----
-    Hyperparameters maximise the likelihood of at most `FITTED_MAX` samples, drawn evenly. The model keeps the centres of
-    the clusters that all training samples fall into, each with the mean of its samples' errors and sigma_n over the
+    Hyperparameters maximise the likelihood of at most `FITTED_MAX` samples, drawn evenly. The model keeps the centres
+    of the clusters that all training samples fall into, each with the mean of its samples' errors and sigma_n over the
     root of their number, corrected for the correlation of neighbours in time: a Gaussian process of few samples that
     has seen all of them.
     """

@@ -1,4 +1,4 @@
-"""The slung load transport system against a Lagrangian, (4) as printed, finite differences, energy and the two-body plant."""
+"""The slung load transport system against a Lagrangian, (4) as printed, differences, energy and the two-body plant."""
 
 from functools import cache
 
@@ -62,7 +62,7 @@ def test_accelerations_are_those_of_the_lagrangian(vehicle):
 
 
 def test_accelerations_are_those_of_the_printed_mass_matrix():
-    mb, mp, length = VEHICLE
+    _, mp, length = VEHICLE
     rng = np.random.default_rng(2)
     for _ in range(50):
         x, force, load_force = random_state(rng, length), 20.0 * rng.standard_normal(3), rng.standard_normal(3)

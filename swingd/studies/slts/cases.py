@@ -64,7 +64,7 @@ class Sensors:
 
 
 SENSORS_IN_WIND = Sensors(pos_std_m=(0.07, 0.09), vel_std_mps=(0.055, 0.055), gnss_time_s=5.0)
-"""Errors of the autopilot's position and velocity, as `Sensors` has them for a calm flight, in wind and with a noisy IMU."""
+"""The autopilot's position and velocity in wind and with a noisy IMU; those of `Sensors` are of a calm flight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class FilterNoise:
     """What the filters take for noise; the same with and without Gaussian process."""
 
     force_n: Vec3 = (0.25, 0.25, 1.5)
-    """Of the thrust, ned [N/sqrt(Hz)]; its size, which the battery's voltage changes, is less certain than its direction."""
+    """Of the thrust, ned [N/sqrt(Hz)]; its size changes with the battery, its direction does not."""
     load_force_n: float = 0.04
     """[N/sqrt(Hz)]"""
     model_memory_s: float = 0.3
@@ -153,7 +153,7 @@ TRAINING = tuple(
 
 
 def like(path: Scenario, other: Scenario) -> Scenario:
-    """Return a path flown by another scenario's vehicle in its weather, with its lack of thrust, sensors and filters."""
+    """Return a path flown by another scenario's vehicle in its weather, with its sensors and filters."""
     return replace(
         other, name=f"{path.name} for {other.name}", waypoints_ned_m=path.waypoints_ned_m, start_ned_m=None,
         cruise_mps=path.cruise_mps, yaw_rad=path.yaw_rad,

@@ -4,13 +4,14 @@ import numpy as np
 
 from swingd.core.slts_flight import SltsFlightLog
 from swingd.model.estimate import FloatArray
+from swingd.record.truth import BoolArray
 from swingd.studies.slts.cases import OUTDOOR
 from swingd.studies.slts.flight import Flight
 
 LEVEL_AFTER_S = 5.0
 """After a change of leg the flight counts as level again."""
-RECOVERED_M = 0.5468
-"""Vertical error, the paper's RMS, under which the outdoor flight has recovered for good."""
+RECOVERED_M = 0.9413
+"""Vertical error that the outdoor flight does not exceed any more once it has recovered, as in the paper."""
 RECOVERED_BY_S = 5.26
 """From here on the outdoor flight is judged vertically, as the paper does."""
 SETTLED_S = 2.0
@@ -27,7 +28,7 @@ def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def level(flight: Flight) -> FloatArray:
+def level(flight: Flight) -> BoolArray:
     """Tell which rows are level flight: `LEVEL_AFTER_S` after the start and after every change of leg; (n,) bool."""
     leg = flight.column(SltsFlightLog.LEG)
     changed = np.flatnonzero(np.diff(leg, prepend=leg[0] - 1.0))
@@ -41,9 +42,9 @@ def following(flight: Flight) -> dict[str, float]:
     Returns
     -------
     dict
-        Errors (5), (6) of the true load on the leg that is flown, the hold at the end left out; swing as displacement of
-        the vehicle relative to the load. Of the outdoor flight the vertical error from `RECOVERED_BY_S` on, beside it
-        ``vertical_rms_all``.
+        Errors (5), (6) of the true load on the leg that is flown, the hold at the end left out; swing as displacement
+        of the vehicle relative to the load. Of the outdoor flight the vertical error from `RECOVERED_BY_S` on, beside
+        it ``vertical_rms_all``.
     """
     on_path = flight.column(SltsFlightLog.LEG) < len(flight.scenario.waypoints_ned_m) - 1
     outdoor = flight.scenario.name == OUTDOOR.name

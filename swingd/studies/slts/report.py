@@ -25,7 +25,7 @@ def tables(mean: Figures, spread: Figures, seeds: int, trained: Mapping[str, Tra
 
 def following_table(name: str, mean: Figures, spread: Figures, seeds: int) -> Table:
     """Build one path's table."""
-    body = [
+    body: list[tuple[str, ...]] = [
         (
             f"{index} [{unit}]",
             with_spread(number(mean[name][index], 3), spread[name][index], seeds),
@@ -66,7 +66,7 @@ def estimate_table(mean: Figures, spread: Figures, seeds: int) -> Table:
 
 def training_table(trained: Mapping[str, Training]) -> Table:
     """Build the table of what the Gaussian processes learned."""
-    body = [
+    body: list[tuple[str, ...]] = [
         (
             name,
             str(len(training.trained.z)),
@@ -83,7 +83,7 @@ def training_table(trained: Mapping[str, Training]) -> Table:
 
 
 def write_csv(path: Path, mean: Figures, spread: Figures) -> None:
-    """Write every figure: path, index, unit, ours, its deviation over the seeds, the paper's; empty where there is none."""
+    """Write every figure: path, index, unit, ours, its deviation, the paper's; empty where there is none."""
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(["path", "index", "unit", "ours", "ours_std", "paper"])

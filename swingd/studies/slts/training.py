@@ -1,4 +1,4 @@
-"""Flights that the Gaussian process is trained on: other paths than those that are judged, as a motion capture sees them."""
+"""Flights that the Gaussian process is trained on: other paths than the judged ones, seen by a motion capture."""
 
 from collections.abc import Callable
 from pathlib import Path

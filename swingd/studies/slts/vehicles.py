@@ -4,9 +4,8 @@ from dataclasses import replace
 
 from swingd.studies.drones2023.vehicles import Blade, RotorUnit, Vehicle
 
-
 CABLE_M = 1.6
-"""From the vehicle's centre of mass to the load's along the unstretched cable: what one measures, and the filter is told."""
+"""From the vehicle's centre of mass to the load's along the unstretched cable: what the filter is told."""
 _HOOK_M = 0.05
 
 
