@@ -153,11 +153,15 @@ def train(
             f"expected at least {max(SAMPLES_MIN, 2 * samples)}"
         )
     watch(0.3)
+    from threadpoolctl import threadpool_limits
+
     scales, signal_std, noise_std = np.empty((2, 4)), np.empty(2), np.empty(2)
-    for output in range(2):
-        scales[output], signal_std[output], noise_std[output] = _hyperparameters(trained, output)
-        watch(0.5 + 0.2 * output)
-    model = _compressed(trained, trained_for, scales, signal_std, noise_std, samples)
+    # The matrices are so small that threads only wait for each other; and their sums depend on how many there are.
+    with threadpool_limits(1):
+        for output in range(2):
+            scales[output], signal_std[output], noise_std[output] = _hyperparameters(trained, output)
+            watch(0.5 + 0.2 * output)
+        model = _compressed(trained, trained_for, scales, signal_std, noise_std, samples)
     mean, var = correction(model.prepare(), held_out.z)
     std = np.sqrt(var + noise_std**2)
     watch(1.0)
@@ -191,7 +195,7 @@ def _hyperparameters(trained: Samples, output: int) -> tuple[FloatArray, float, 
     kernel = ConstantKernel(0.3 * variance, (1e-3 * variance, 1e3 * variance)) * RBF(
         np.maximum(2.0 * z.std(axis=0), 0.1), [_SCALE_BOUNDS] * 2 + [_RATE_BOUNDS] * 2
     ) + WhiteKernel(0.7 * variance, (1e-3 * variance, 2.0 * variance))
-    regressor = GaussianProcessRegressor(kernel, alpha=1e-9 * variance, n_restarts_optimizer=1, random_state=0)
+    regressor = GaussianProcessRegressor(kernel, alpha=1e-9 * variance, random_state=0)
     with warnings.catch_warnings():
         # A feature that tells nothing ends at the longest scale, which is right and no reason to warn.
         warnings.simplefilter("ignore", ConvergenceWarning)

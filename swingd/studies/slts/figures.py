@@ -76,7 +76,7 @@ def _following(flight: Flight) -> "Figure":
     plan.plot(load[:, 1], load[:, 0], **FLOWN)
     plan.plot(load[0, 1], load[0, 0], "o", color="black", ms=4)
     plan.set(xlabel="east [m]", ylabel="north [m]", title="a) plan")
-    plan.set_aspect("equal", adjustable="datalim")
+    plan.set_aspect("equal", anchor="N")
     plan.legend(loc="upper right")
     error = flight.column(SltsFlightLog.TRUE_E_P, 3)
     printed = paper.VALUES[flight.scenario.name]
