@@ -42,6 +42,9 @@ def train(
         Path | None, typer.Option("--picture", metavar="PICTURE.png", help="Draw what was learned.")
     ] = None,
     samples: Annotated[int, typer.Option(min=4, max=256, help="How many samples the model keeps.")] = 48,
+    with_velocity: Annotated[
+        bool, typer.Option("--with-velocity", help="Let the model know the load's velocity, which its drag follows.")
+    ] = False,
     as_json: options.Json = False,
 ) -> None:
     """Learn the error of the cable's acceleration from flights with a load that was watched from outside.
@@ -66,7 +69,7 @@ def train(
     )
     segments = [segment for log in logs for segment in swing_log.read(log)]
     with bar("training", quiet=as_json) as watch:
-        training = train_model(segments, trained_for, samples, watch)
+        training = train_model(segments, trained_for, samples, with_velocity, watch)
     output.write_text(training.model.to_json(), encoding="utf-8")
     if picture is not None:
         from swingd.identify.gp_picture import draw

@@ -1,7 +1,8 @@
 """What a Gaussian process says of the cable's acceleration, (15)-(17), (20) of the GP-EKF paper.
 
-Two independent processes, north and east, over the features z = (r, v); squared exponential kernel with a length scale
-per feature. The training samples are bounded in number, and what the samples and hyperparameters give once,
+Two independent processes, north and east, over the features z = (r, v) of (17) or, wider than the paper's, z = (r, v,
+v_p) with the load's level velocity, which its drag follows; squared exponential kernel with a length scale per feature.
+The training samples are bounded in number, and what the samples and hyperparameters give once,
 (K + diag(noise))^-1 and its product with the targets, is computed before.
 """
 
@@ -13,7 +14,10 @@ from swingd.core._jit import I8, MAT, VEC, VOID, kernel
 from swingd.core.linalg import cholesky, cholesky_solve
 from swingd.core.status import Status
 
-NUM_FEATURES = 4
+NUM_SWING_FEATURES = 4
+"""r, v, north and east."""
+NUM_FEATURES = 6
+"""The load's velocity too, north and east."""
 NUM_OUTPUTS = 2
 SAMPLES_MAX = 256
 
@@ -29,11 +33,11 @@ def prepare(weights_out, K_inv_out, Z, targets, inv_sq_scales, signal_var, noise
     weights_out : (m, 2), written
     K_inv_out : (2 m, m), written
         One matrix after the other.
-    Z : (m, 4)
-        Features of the samples.
+    Z : (m, k)
+        Features of the samples, k 4 or 6.
     targets : (m, 2)
         [m/s^2]
-    inv_sq_scales : (2, 4)
+    inv_sq_scales : (2, k)
         1 / length scale^2.
     signal_var : (2,)
         sigma_f^2 [(m/s^2)^2].
@@ -53,7 +57,7 @@ def prepare(weights_out, K_inv_out, Z, targets, inv_sq_scales, signal_var, noise
         for i in range(m):
             for j in range(m):
                 square = 0.0
-                for k in range(NUM_FEATURES):
+                for k in range(Z.shape[1]):
                     square += inv_sq_scales[output, k] * (Z[i, k] - Z[j, k]) ** 2
                 K[i, j] = signal_var[output] * exp(-0.5 * square)
             K[i, i] += noise_var[i, output]
@@ -82,10 +86,10 @@ def predict(mean_out, var_out, J_out, z, Z, weights, K_inv, inv_sq_scales, signa
     ----------
     mean_out, var_out : (2,), written
         [m/s^2], [(m/s^2)^2] without the samples' noise.
-    J_out : (2, 4), written
+    J_out : (2, k), written
         By the features.
-    z : (4,)
-        r [m], v [m/s].
+    z : (k,)
+        r [m], v [m/s], v_p [m/s].
     Z, weights, K_inv, inv_sq_scales, signal_var
         See `prepare`.
     """
@@ -96,12 +100,12 @@ def predict(mean_out, var_out, J_out, z, Z, weights, K_inv, inv_sq_scales, signa
         mean = 0.0
         for i in range(m):
             square = 0.0
-            for j in range(NUM_FEATURES):
+            for j in range(Z.shape[1]):
                 square += inv_sq_scales[output, j] * (z[j] - Z[i, j]) ** 2
             k[i] = signal_var[output] * exp(-0.5 * square)
             part = weights[i, output] * k[i]
             mean += part
-            for j in range(NUM_FEATURES):
+            for j in range(Z.shape[1]):
                 J_out[output, j] -= part * inv_sq_scales[output, j] * (z[j] - Z[i, j])
         known = 0.0
         for i in range(m):

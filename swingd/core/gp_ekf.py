@@ -1,8 +1,9 @@
 """The GP-EKF (19)-(27): slung load dynamics corrected by a Gaussian process, corrected by whatever source arrives.
 
-State as `swingd.core.slts.SltsState`; the input is the force on the vehicle, thrust above all. What is learned is added
-to v' alone (B_d of (14)). Errata: (19) means M^-1, (24) takes h at the predicted state, and (27) is
-P - K H P - P H^T K^T + K W K^T, which is Joseph's form, used here.
+State as `swingd.core.slts.SltsState`; the input is the force on the vehicle, thrust above all. What is learned is the
+load's acceleration error relative to the vehicle: it is added to v' and, because the load's drag does not push the
+vehicle, taken from v_p' (B_d of (14), which the paper does not print). Errata: (19) means M^-1, (24) takes h at the
+predicted state, and (27) is P - K H P - P H^T K^T + K W K^T, which is Joseph's form, used here.
 """
 
 from enum import IntEnum
@@ -95,17 +96,22 @@ def dynamics(rate_out, A_out, G_out, model_var_out, x, force, Z, weights, K_inv,
         rate_out[_S.LOAD_VEL + i] = acc[i]
     model_var_out[:] = 0.0
     if Z.shape[0] > 0:
-        z = np.empty(4)
+        features = Z.shape[1]
+        z = np.empty(features)
         mean = np.empty(2)
-        J = np.empty((2, 4))
+        J = np.empty((2, features))
         for i in range(2):
             z[i], z[2 + i] = x[_S.REL_POS + i], x[_S.REL_VEL + i]
+            if features > 4:
+                z[4 + i] = x[_S.LOAD_VEL + i]
         gaussian_process.predict(mean, model_var_out, J, z, Z, weights, K_inv, inv_sq_scales, signal_var)
         for i in range(2):
             rate_out[_S.REL_VEL + i] += mean[i]
-            for j in range(2):
-                A_out[_S.REL_VEL + i, _S.REL_POS + j] += J[i, j]
-                A_out[_S.REL_VEL + i, _S.REL_VEL + j] += J[i, 2 + j]
+            rate_out[_S.LOAD_VEL + i] -= mean[i]
+            for j in range(features):
+                column = _S.REL_POS + j if j < 2 else (_S.REL_VEL + j - 2 if j < 4 else _S.LOAD_VEL + j - 4)
+                A_out[_S.REL_VEL + i, column] += J[i, j]
+                A_out[_S.LOAD_VEL + i, column] -= J[i, j]
     return _OK
 
 
@@ -169,8 +175,10 @@ def predict(x, P, force, dt_s, p, Z, weights, K_inv, inv_sq_scales, signal_var):
                 for k in range(3):
                     noise += G[5 + i, k] * p[_P.FORCE_NOISE + k] * G[5 + j, k]
                     noise += G[5 + i, 3 + k] * p[_P.LOAD_FORCE_NOISE] * G[5 + j, 3 + k]
-                if i == j and i >= 3:
-                    noise += model_var[i - 3] * p[_P.MODEL_MEMORY]
+                # Rows 0, 1 are v_p' north and east, 3, 4 v'; what the process leaves open parts them.
+                if i != 2 and j != 2 and i % 3 == j % 3:
+                    sign = 1.0 if i == j else -1.0
+                    noise += sign * model_var[i % 3] * p[_P.MODEL_MEMORY]
                 P[5 + i, 5 + j] += noise * h
                 P[i, 5 + j] += 0.5 * noise * h * h
                 P[5 + i, j] += 0.5 * noise * h * h

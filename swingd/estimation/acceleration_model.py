@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from swingd.core.gaussian_process import NUM_FEATURES, NUM_OUTPUTS, SAMPLES_MAX, predict, prepare
+from swingd.core.gaussian_process import NUM_OUTPUTS, NUM_SWING_FEATURES, SAMPLES_MAX, predict, prepare
 from swingd.core.status import Status
 from swingd.model.errors import ConfigurationError
 from swingd.model.estimate import FloatArray
 
 FORMAT = "swingd-acceleration-model"
 VERSION = 1
-FEATURES = ("r_n_m", "r_e_m", "v_n_mps", "v_e_mps")
-"""Vehicle relative to the load, ned: position and velocity."""
+FEATURES = ("r_n_m", "r_e_m", "v_n_mps", "v_e_mps", "v_p_n_mps", "v_p_e_mps")
+"""Vehicle relative to the load, ned: position and velocity, (17); and, in wider models, the load's velocity."""
+SWING_FEATURES = FEATURES[:NUM_SWING_FEATURES]
+"""Of (17)."""
 OUTPUTS = ("acc_n_mps2", "acc_e_mps2")
 """What v' is more than the rigid cable's equation says."""
 NUMBER_MAX = 1e6
@@ -52,11 +54,11 @@ class AccelerationModel:
 
     trained_for: TrainedFor
     scales: FloatArray
-    """(2, 4) length scale of each feature [m], [m/s], by output."""
+    """(2, k) length scale of each feature [m], [m/s], by output; k 4 or 6."""
     signal_std: FloatArray
     """(2,) sigma_f [m/s^2]."""
     features: FloatArray
-    """(m, 4), m <= SAMPLES_MAX: r [m], v [m/s]."""
+    """(m, k), m <= SAMPLES_MAX: r [m], v [m/s], v_p [m/s], as `FEATURES`."""
     targets: FloatArray
     """(m, 2) [m/s^2]; each the mean of neighbouring samples."""
     target_std: FloatArray
@@ -87,7 +89,7 @@ class AccelerationModel:
                 "format": FORMAT,
                 "version": VERSION,
                 "trained_for": asdict(self.trained_for),
-                "features": FEATURES,
+                "features": FEATURES[: self.features.shape[1]],
                 "outputs": OUTPUTS,
                 "length_scales": self.scales.tolist(),
                 "signal_std": self.signal_std.tolist(),
@@ -123,21 +125,23 @@ class AccelerationModel:
             raise reader.refuse("file", "no JSON", f"expected a model by swingd gp train ({error})") from None
         if not isinstance(content, dict):
             raise reader.refuse("file", type(content).__name__, "expected an object")
-        for key, expected in (("format", FORMAT), ("version", VERSION)):
-            if content.get(key) != expected or isinstance(content.get(key), bool):
-                raise reader.refuse(key, content.get(key), f"expected {expected!r}")
-        for key, names in (("features", FEATURES), ("outputs", OUTPUTS)):
-            if content.get(key) != list(names):
-                raise reader.refuse(key, content.get(key), f"expected {list(names)}")
+        for key, wanted in (("format", FORMAT), ("version", VERSION)):
+            if content.get(key) != wanted or isinstance(content.get(key), bool):
+                raise reader.refuse(key, content.get(key), f"expected {wanted!r}")
+        for key, known in (("features", (SWING_FEATURES, FEATURES)), ("outputs", (OUTPUTS,))):
+            if content.get(key) not in [list(names) for names in known]:
+                expected = " or ".join(str(list(names)) for names in known)
+                raise reader.refuse(key, content.get(key), f"expected {expected}")
+        width = len(content["features"])
         samples = reader.mapping(content, "samples")
-        features = reader.array(samples, "samples.features", (None, NUM_FEATURES))
+        features = reader.array(samples, "samples.features", (None, width))
         count = features.shape[0]
         trained_for = reader.mapping(content, "trained_for")
         return cls(
             TrainedFor(
                 *(reader.positive(trained_for, f"trained_for.{key}") for key in TrainedFor.__dataclass_fields__)
             ),
-            reader.array(content, "length_scales", (NUM_OUTPUTS, NUM_FEATURES), positive=True),
+            reader.array(content, "length_scales", (NUM_OUTPUTS, width), positive=True),
             reader.array(content, "signal_std", (NUM_OUTPUTS,), positive=True),
             features,
             reader.array(samples, "samples.targets", (count, NUM_OUTPUTS)),
@@ -146,8 +150,8 @@ class AccelerationModel:
 
 
 def correction(prepared: Prepared, features: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Give mean and variance at many points, (n, 4) -> (n, 2), (n, 2) [m/s^2], [(m/s^2)^2]."""
-    mean, var, J = np.empty((len(features), 2)), np.empty((len(features), 2)), np.empty((2, 4))
+    """Give mean and variance at many points, (n, k) -> (n, 2), (n, 2) [m/s^2], [(m/s^2)^2]."""
+    mean, var, J = np.empty((len(features), 2)), np.empty((len(features), 2)), np.empty((2, features.shape[1]))
     p = prepared
     for row, z in enumerate(np.ascontiguousarray(features)):
         predict(mean[row], var[row], J, z, p.Z, p.weights, p.K_inv, p.inv_sq_scales, p.signal_var)

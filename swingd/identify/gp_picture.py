@@ -15,10 +15,10 @@ def draw(training: Training, title: str, path: Path) -> None:
 
     figure = Figure(figsize=(9, 7.5), layout="constrained")
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(3, 2)
+    grid = figure.add_gridspec(3, 1)
     score = training.score
     for output, name in enumerate(("north", "east")):
-        axis = figure.add_subplot(grid[output, :])
+        axis = figure.add_subplot(grid[output])
         at = np.arange(len(training.held_out.error))
         mean, std = training.held_out_mean[:, output], training.held_out_std[:, output]
         axis.plot(at, training.held_out.error[:, output], ".", color="0.6", ms=3, label="held out")
@@ -37,12 +37,15 @@ def draw(training: Training, title: str, path: Path) -> None:
         else:
             axis.set_xlabel("held-out sample")
     prepared = training.model.prepare()
-    for column, (first, label) in enumerate(((0, "r [m]"), (2, "v [m/s]"))):
-        axis = figure.add_subplot(grid[2, column])
+    panels = [(0, "r [m]"), (2, "v [m/s]"), (4, "load's velocity [m/s]")][: training.trained.z.shape[1] // 2]
+    row = grid[2].subgridspec(1, len(panels))
+    slices = [figure.add_subplot(row[column]) for column in range(len(panels))]
+    for column, (first, label) in enumerate(panels):
+        axis = slices[column]
         reach = float(np.abs(training.trained.z[:, first : first + 2]).max())
         along = np.linspace(-reach, reach, 121)
         for output, (name, color) in enumerate((("north", "#D55E00"), ("east", "#009E73"))):
-            points = np.zeros((len(along), 4))
+            points = np.zeros((len(along), training.trained.z.shape[1]))
             points[:, first + output] = along
             mean_all, var_all = correction(prepared, points)
             mean, std = mean_all[:, output], np.sqrt(var_all[:, output])

@@ -9,9 +9,10 @@ from importlib.util import find_spec
 import numpy as np
 
 from swingd.core import slts
+from swingd.core.gaussian_process import NUM_FEATURES, NUM_SWING_FEATURES
 from swingd.core.status import Status
 from swingd.estimation.acceleration_model import AccelerationModel, TrainedFor, correction
-from swingd.identify.swing_log import Segment
+from swingd.identify.swing_log import VELOCITY, Segment
 from swingd.model.errors import ConfigurationError, LogFormatError
 from swingd.model.estimate import FloatArray
 
@@ -24,8 +25,8 @@ FITTED_MAX = 300
 SAMPLES = 48
 """What the model keeps."""
 SAMPLES_MIN = 100
-_SCALE_BOUNDS = (0.15, 30.0)
-_RATE_BOUNDS = (0.4, 30.0)
+_BOUNDS = [(0.15, 30.0)] * 2 + [(0.4, 30.0)] * 2 + [(1.0, 30.0)] * 2
+"""Of the length scales of r [m], v and v_p [m/s]: shorter ones would fit what is noise of neighbours in time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,7 @@ class Samples:
     """Training data: features, and the acceleration errors of (18)."""
 
     z: FloatArray
-    """(n, 4) r [m], v [m/s]."""
+    """(n, k) r [m], v [m/s] and, where it is a feature, v_p [m/s]."""
     error: FloatArray
     """(n, 2) [m/s^2]"""
 
@@ -66,7 +67,7 @@ class Training:
     """(n, 2) with the samples' noise."""
 
 
-def samples_of(segment: Segment, trained_for: TrainedFor, interval_s: float = INTERVAL_S) -> Samples:
+def samples_of(segment: Segment, trained_for: TrainedFor, with_velocity: bool = False) -> Samples:
     """Compute the acceleration errors of a segment, (18), one for each interval.
 
     Parameters
@@ -74,8 +75,8 @@ def samples_of(segment: Segment, trained_for: TrainedFor, interval_s: float = IN
     segment : Segment
     trained_for : TrainedFor
         Whose equation (3) predicts.
-    interval_s : float
-        delta T [s]; at least one row's.
+    with_velocity : bool
+        Whether the load's velocity is a feature.
 
     Notes
     -----
@@ -83,7 +84,7 @@ def samples_of(segment: Segment, trained_for: TrainedFor, interval_s: float = IN
     Intervals that leave the reach of r are left out.
     """
     t_s, force = segment.t_s, np.ascontiguousarray(segment.force_ned_n)
-    rows = max(1, round(interval_s / float(np.median(np.diff(t_s)))))
+    rows = max(1, round(INTERVAL_S / float(np.median(np.diff(t_s)))))
     vehicle = (trained_for.mass_kg, trained_for.payload_mass_kg, trained_for.cable_length_m)
     still, acc = np.zeros(3), np.empty(6)
     features, errors = [], []
@@ -100,15 +101,17 @@ def samples_of(segment: Segment, trained_for: TrainedFor, interval_s: float = IN
             x = x + dt_s * np.concatenate([middle[5:], acc[:5]])
         else:
             last = first + rows
-            features.append(np.concatenate([segment.r_m[first], segment.v_mps[first]]))
+            features.append(_features(segment, first, with_velocity))
             errors.append((segment.v_mps[last] - x[8:10]) / (t_s[last] - t_s[first]))
-    return Samples(np.array(features).reshape(-1, 4), np.array(errors).reshape(-1, 2))
+    width = NUM_FEATURES if with_velocity else NUM_SWING_FEATURES
+    return Samples(np.array(features).reshape(-1, width), np.array(errors).reshape(-1, 2))
 
 
 def train(
     segments: Sequence[Segment],
     trained_for: TrainedFor,
     samples: int = SAMPLES,
+    with_velocity: bool = False,
     watch: Callable[[float], None] = lambda _share: None,
 ) -> Training:
     """Train on the beginnings of all segments and judge on their ends.
@@ -119,6 +122,8 @@ def train(
     trained_for : TrainedFor
     samples : int
         How many the model keeps, see `swingd.core.gaussian_process.SAMPLES_MAX`.
+    with_velocity : bool
+        Whether the load's velocity is a feature, as its drag wants it; (17) has r and v alone.
     watch : callable
         Takes the share done, 0..1.
 
@@ -132,7 +137,7 @@ def train(
     ConfigurationError
         If scikit-learn is missing.
     LogFormatError
-        If there are too few samples.
+        If there are too few samples, or the vehicle's velocity is wanted and missing.
 
     Notes
     -----
@@ -143,7 +148,9 @@ def train(
     """
     if find_spec("sklearn") is None:
         raise ConfigurationError("scikit-learn is not installed; expected: pip install 'swingd[train]'")
-    parts = [samples_of(segment, trained_for) for segment in segments]
+    if with_velocity and any(segment.vel_load_mps is None for segment in segments):
+        raise LogFormatError(f"a log has no vehicle's velocity; expected columns {', '.join(VELOCITY)}")
+    parts = [samples_of(segment, trained_for, with_velocity) for segment in segments]
     cuts = [round((1.0 - HELD_OUT_SHARE) * len(part.z)) for part in parts]
     trained = _joined([Samples(part.z[:cut], part.error[:cut]) for part, cut in zip(parts, cuts, strict=True)])
     held_out = _joined([Samples(part.z[cut:], part.error[cut:]) for part, cut in zip(parts, cuts, strict=True)])
@@ -155,7 +162,7 @@ def train(
     watch(0.3)
     from threadpoolctl import threadpool_limits
 
-    scales, signal_std, noise_std = np.empty((2, 4)), np.empty(2), np.empty(2)
+    scales, signal_std, noise_std = np.empty((2, trained.z.shape[1])), np.empty(2), np.empty(2)
     # The matrices are so small that threads only wait for each other; and their sums depend on how many there are.
     with threadpool_limits(1):
         for output in range(2):
@@ -173,6 +180,14 @@ def train(
         _log_likelihood(held_out.error - mean, std),
     )
     return Training(model, noise_std, trained, held_out, score, mean, std)
+
+
+def _features(segment: Segment, row: int, with_velocity: bool) -> FloatArray:
+    parts = [segment.r_m[row], segment.v_mps[row]]
+    if with_velocity:
+        assert segment.vel_load_mps is not None
+        parts.append(segment.vel_load_mps[row])
+    return np.concatenate(parts)
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:
@@ -193,7 +208,7 @@ def _hyperparameters(trained: Samples, output: int) -> tuple[FloatArray, float, 
     z, error = trained.z[chosen], trained.error[chosen, output]
     variance = float(np.mean(error**2))
     kernel = ConstantKernel(0.3 * variance, (1e-3 * variance, 1e3 * variance)) * RBF(
-        np.maximum(2.0 * z.std(axis=0), 0.1), [_SCALE_BOUNDS] * 2 + [_RATE_BOUNDS] * 2
+        np.maximum(2.0 * z.std(axis=0), 0.1), _BOUNDS[: z.shape[1]]
     ) + WhiteKernel(0.7 * variance, (1e-3 * variance, 2.0 * variance))
     regressor = GaussianProcessRegressor(kernel, alpha=1e-9 * variance, random_state=0)
     with warnings.catch_warnings():

@@ -13,8 +13,10 @@ from swingd.model.estimate import FloatArray
 
 REQUIRED = ("t_s", "force_n_n", "force_e_n", "force_d_n", "r_n_m", "r_e_m")
 """Time; thrust as modelled, ned, mean since the row before; vehicle relative to the load."""
-OPTIONAL = ("v_n_mps", "v_e_mps")
-"""Derivative of r; without it r is smoothed and differentiated."""
+RATES = ("v_n_mps", "v_e_mps")
+"""Derivative of r, may be absent: r is smoothed and differentiated then."""
+VELOCITY = ("vn_mps", "ve_mps")
+"""Of the vehicle, may be absent where the model is not to know of the load's velocity."""
 GAP_S = 0.1
 """Rows farther apart belong to two segments."""
 SMOOTHED_OVER_S = 0.25
@@ -33,6 +35,8 @@ class Segment:
     """(n, 2)"""
     v_mps: FloatArray
     """(n, 2)"""
+    vel_load_mps: FloatArray | None = None
+    """(n, 2) v_p, where the vehicle's velocity was logged."""
 
 
 def read(path: Path) -> list[Segment]:
@@ -50,12 +54,13 @@ def read(path: Path) -> list[Segment]:
             missing = [name for name in REQUIRED if name not in header]
             if missing:
                 raise LogFormatError(f"{path}: line 1: no column {', '.join(missing)}; expected {', '.join(REQUIRED)}")
-            measured = all(name in header for name in OPTIONAL)
-            columns = [header.index(name) for name in REQUIRED + (OPTIONAL if measured else ())]
+            measured, moving = (all(name in header for name in names) for names in (RATES, VELOCITY))
+            names = REQUIRED + (VELOCITY if moving else ()) + (RATES if measured else ())
+            columns = [header.index(name) for name in names]
             rows = [_row(path, number, row, columns) for number, row in enumerate(table, start=2) if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise LogFormatError(f"{path}: cannot be read: {error}") from None
-    found = [_segment(np.array(part), measured) for part in _split(rows) if len(part) >= 4]
+    found = [_segment(np.array(part), measured, moving) for part in _split(rows) if len(part) >= 4]
     segments = [segment for segment in found if segment is not None]
     if not segments:
         raise LogFormatError(f"{path}: no stretch of {2.0 * SMOOTHED_OVER_S:g} s without a gap over {GAP_S:g} s")
@@ -64,10 +69,15 @@ def read(path: Path) -> list[Segment]:
 
 def write(path: Path, segment: Segment) -> None:
     """Write a log that `read` takes."""
+    columns = [segment.t_s, segment.force_ned_n, segment.r_m, segment.v_mps]
+    names: tuple[str, ...] = REQUIRED + RATES
+    if segment.vel_load_mps is not None:
+        columns.append(segment.vel_load_mps + segment.v_mps)
+        names += VELOCITY
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        table.writerow(REQUIRED + OPTIONAL)
-        for values in np.column_stack([segment.t_s, segment.force_ned_n, segment.r_m, segment.v_mps]):
+        table.writerow(names)
+        for values in np.column_stack(columns):
             table.writerow([f"{value:.6g}" if at else f"{value:.3f}" for at, value in enumerate(values)])
 
 
@@ -100,18 +110,21 @@ def _split(rows: Iterable[list[float] | None]) -> list[list[list[float]]]:
     return parts
 
 
-def _segment(table: FloatArray, measured: bool) -> Segment | None:
+def _segment(table: FloatArray, measured: bool, moving: bool) -> Segment | None:
+    """Rows of t, force, r, then the vehicle's velocity and v where there are such."""
     t_s = table[:, 0]
     if t_s[-1] - t_s[0] < 2.0 * SMOOTHED_OVER_S:
         return None
     if measured:
-        return Segment(t_s, table[:, 1:4], table[:, 4:6], table[:, 6:8])
+        v_mps = table[:, -2:]
+        vel_load_mps = table[:, 6:8] - v_mps if moving else None
+        return Segment(t_s, table[:, 1:4], table[:, 4:6], v_mps, vel_load_mps)
     from scipy.signal import savgol_filter
 
     dt_s = float(np.median(np.diff(t_s)))
     even_s = np.arange(t_s[0], t_s[-1], dt_s)
-    even = np.column_stack([np.interp(even_s, t_s, column) for column in table[:, 1:6].T])
+    even = np.column_stack([np.interp(even_s, t_s, column) for column in table[:, 1:].T])
     window = max(5, 2 * round(0.5 * SMOOTHED_OVER_S / dt_s) + 1)
     r_m = savgol_filter(even[:, 3:5], window, 3, axis=0)
     v_mps = savgol_filter(even[:, 3:5], window, 3, deriv=1, delta=dt_s, axis=0)
-    return Segment(even_s, even[:, :3], r_m, v_mps)
+    return Segment(even_s, even[:, :3], r_m, v_mps, even[:, 5:7] - v_mps if moving else None)

@@ -13,17 +13,18 @@ MASS, PAYLOAD, LENGTH = 1.52, 0.5, 1.6
 NOTHING = np.empty((0, 4)), np.empty((0, 2)), np.empty((0, 0)), np.ones((2, 4)), np.ones(2)
 
 
-def some_process():
+def some_process(features=4):
     rng = np.random.default_rng(1)
-    Z = rng.uniform(-0.5, 0.5, (20, 4))
+    Z = rng.uniform(-0.5, 0.5, (20, features))
     targets = np.column_stack([-0.8 * Z[:, 2] + 0.4 * Z[:, 0], -0.5 * Z[:, 3]])
-    inv_sq, var = np.full((2, 4), 1.0 / 0.6**2), np.full(2, 0.25)
+    inv_sq, var = np.full((2, features), 1.0 / 0.6**2), np.full(2, 0.25)
     weights, K_inv = np.empty((20, 2)), np.empty((40, 20))
     assert prepare(weights, K_inv, Z, targets, inv_sq, var, np.full((20, 2), 0.01)) == Status.OK
     return Z, weights, K_inv, inv_sq, var
 
 
 PROCESS = some_process()
+WIDER = some_process(6)
 
 
 def parameters(force_noise=0.25, load_noise=0.05, memory=0.3, gate=1e9):
@@ -55,7 +56,7 @@ def some_covariance(seed, scale=0.1):
     return half @ half.T + 1e-3 * np.eye(10)
 
 
-@pytest.mark.parametrize("process", [NOTHING, PROCESS])
+@pytest.mark.parametrize("process", [NOTHING, PROCESS, WIDER])
 def test_jacobians_of_the_dynamics_are_the_differences(process):
     for seed in range(10):
         x, force = some_state(seed), hover(seed)
@@ -73,12 +74,16 @@ def test_jacobians_of_the_dynamics_are_the_differences(process):
         np.testing.assert_allclose(G[:, :3], np.array(by_force).T, atol=1e-6)
 
 
-def test_what_is_learned_acts_on_the_cables_acceleration_alone():
+@pytest.mark.parametrize("process", [PROCESS, WIDER])
+def test_what_is_learned_acts_on_the_load_and_leaves_the_vehicle_alone(process):
     x, force = some_state(1), hover(1)
-    learned, _, _, var = dynamics(x, force, PROCESS)
+    learned, _, _, var = dynamics(x, force, process)
     plain, _, _, none = dynamics(x, force, NOTHING)
-    np.testing.assert_array_equal(learned[:8], plain[:8])
-    assert np.abs(learned[8:] - plain[8:]).min() > 1e-3
+    change = learned - plain
+    np.testing.assert_array_equal(change[:5], 0.0)
+    assert np.abs(change[8:]).min() > 1e-3
+    np.testing.assert_allclose(change[5:7], -change[8:], atol=1e-12)
+    assert change[7] == 0.0
     assert (var > 0.0).all()
     assert (none == 0.0).all()
 

@@ -11,13 +11,13 @@ from swingd.estimation.acceleration_model import NOTHING_LEARNED, AccelerationMo
 from swingd.model.errors import ConfigurationError
 
 
-def some_model(count=12):
+def some_model(count=12, features=4):
     rng = np.random.default_rng(1)
     return AccelerationModel(
         TrainedFor(1.52, 0.5, 1.6),
-        rng.uniform(0.2, 2.0, (2, 4)),
+        rng.uniform(0.2, 2.0, (2, features)),
         np.array([0.3, 0.4]),
-        rng.uniform(-0.5, 0.5, (count, 4)),
+        rng.uniform(-0.5, 0.5, (count, features)),
         0.3 * rng.standard_normal((count, 2)),
         rng.uniform(0.01, 0.1, (count, 2)),
     )
@@ -32,13 +32,14 @@ def read(content):
     return AccelerationModel.from_json(json.dumps(content), "model.json")
 
 
-def test_what_is_written_is_read_again_exactly():
-    model = some_model()
+@pytest.mark.parametrize("features", [4, 6])
+def test_what_is_written_is_read_again_exactly(features):
+    model = some_model(features=features)
     again = AccelerationModel.from_json(model.to_json(), "model.json")
     assert again.trained_for == model.trained_for
     for name in ("scales", "signal_std", "features", "targets", "target_std"):
         np.testing.assert_array_equal(getattr(again, name), getattr(model, name))
-    points = np.random.default_rng(2).uniform(-0.6, 0.6, (5, 4))
+    points = np.random.default_rng(2).uniform(-0.6, 0.6, (5, features))
     for ours, theirs in zip(correction(model.prepare(), points), correction(again.prepare(), points), strict=True):
         np.testing.assert_array_equal(ours, theirs)
 

@@ -9,6 +9,7 @@ from swingd.identify.gp_training import Training
 from swingd.studies.seeds import Figures
 from swingd.studies.slts import paper
 from swingd.studies.slts.cases import SCENARIOS
+from swingd.studies.slts.study import ESTIMATE
 from swingd.studies.tables import Table, markdown, number, with_spread
 
 ESTIMATE_TITLE = "Error of the load's relative position"
@@ -40,16 +41,17 @@ def following_table(name: str, mean: Figures, spread: Figures, seeds: int) -> Ta
 def estimate_table(mean: Figures, spread: Figures, seeds: int) -> Table:
     """Build the table of filters and camera."""
     body = []
-    for scenario in SCENARIOS:
-        group = f"{scenario.name}/estimate"
-        found, deviation = mean[group], spread[group]
+    for group, found in mean.items():
+        if not group.startswith(ESTIMATE):
+            continue
+        deviation = spread[group]
 
         def cell(index: str, digits: int, found: dict[str, float] = found, by: dict[str, float] = deviation) -> str:
             return with_spread(number(found[index], digits), by[index], seeds)
 
         body.append(
             (
-                scenario.name,
+                group.removeprefix(ESTIMATE),
                 *(cell(f"{source}_rmse", 3) for source in ("gp_ekf", "ekf", "camera")),
                 cell("gain", 2),
                 *(cell(f"{source}_max", 3) for source in ("gp_ekf", "ekf", "camera")),

@@ -9,14 +9,17 @@ from swingd.studies.slts import paper
 from swingd.studies.slts.cases import SCENARIOS
 from swingd.studies.slts.flight import Flight, run
 from swingd.studies.slts.indicators import estimation, following
-from swingd.studies.slts.training import MODEL_OF, Models
+from swingd.studies.slts.training import MODEL_OF, WITH_VELOCITY, Models
+
+ESTIMATE = "estimate/"
+"""Before a flight's name: what its filters are worth."""
 
 Flights = Mapping[str, Flight]
-"""By scenario."""
+"""By scenario; that name followed by `swingd.studies.slts.training.WITH_VELOCITY` for the wider model's."""
 
 
 def fly_all(seed: int, models: Models, watch: Callable[[float], None] = lambda _share: None) -> dict[str, Flight]:
-    """Fly every path with the loop closed on the GP-EKF.
+    """Fly every path with the loop closed on the GP-EKF, by the paper's model and by the wider one.
 
     Parameters
     ----------
@@ -33,17 +36,19 @@ def fly_all(seed: int, models: Models, watch: Callable[[float], None] = lambda _
     """
     flights = {}
     for done, scenario in enumerate(SCENARIOS, start=1):
-        flights[scenario.name] = run(scenario, seed, models[MODEL_OF[scenario.name]])
+        model = MODEL_OF[scenario.name]
+        flights[scenario.name] = run(scenario, seed, models[model])
+        flights[f"{scenario.name} {WITH_VELOCITY}"] = run(scenario, seed, models[f"{model} {WITH_VELOCITY}"])
         watch(done / len(SCENARIOS))
     return flights
 
 
 def judge(flights: Flights) -> Figures:
-    """Compute every figure of a seed's flights: ``square`` and so on, and ``square/estimate``."""
+    """Compute every figure of a seed's flights: ``square`` and so on, and ``estimate/square``."""
     figures: Figures = {}
     for name, flight in flights.items():
         figures[name] = following(flight)
-        figures[f"{name}/estimate"] = estimation(flight)
+        figures[ESTIMATE + name] = estimation(flight)
     return figures
 
 
@@ -62,17 +67,18 @@ def as_object(mean: Figures, spread: Figures, seeds: int, trained: Mapping[str, 
         under ``estimate`` the filters' figures by path, under ``training`` the held-out scores by vehicle.
     """
     result: dict[str, Any] = {"seeds": seeds}
-    for scenario in SCENARIOS:
-        name = scenario.name
+    for name, printed in paper.VALUES.items():
         rows: dict[str, dict[str, float]] = {}
         for index, value in mean[name].items():
             rows[index] = {"ours": value}
-            if index in paper.VALUES[name]:
-                rows[index]["paper"] = paper.VALUES[name][index]
+            if index in printed:
+                rows[index]["paper"] = printed[index]
             if seeds > 1:
                 rows[index]["ours_std"] = spread[name][index]
         result[name] = rows
-    result["estimate"] = {scenario.name: mean[f"{scenario.name}/estimate"] for scenario in SCENARIOS}
+    result["estimate"] = {
+        group.removeprefix(ESTIMATE): found for group, found in mean.items() if group.startswith(ESTIMATE)
+    }
     result["training"] = {
         name: {
             "samples": len(training.trained.z),

@@ -22,8 +22,9 @@ _SMOOTHED_S = 0.25
 VEHICLES = {"simulated": SQUARE, "flown": OUTDOOR}
 """Whose model serves which vehicle: every vehicle has one of its own."""
 MODEL_OF = {"square": "simulated", "circle": "simulated", "outdoor": "flown"}
+WITH_VELOCITY = "with velocity"
 Models = dict[str, Prepared]
-"""By name in `VEHICLES`, as the filters take them."""
+"""By name in `VEHICLES` with the features of (17); with the load's velocity too by that name and `WITH_VELOCITY`."""
 
 
 def train_all(watch: Callable[[float], None] = lambda _share: None, folder: Path | None = None) -> dict[str, Training]:
@@ -41,13 +42,15 @@ def train_all(watch: Callable[[float], None] = lambda _share: None, folder: Path
         segments = [tracked(flight) for flight in training_flights(scenario)]
         vehicle = scenario.vehicle
         trained_for = TrainedFor(vehicle.mass_kg, vehicle.load_mass_kg, CABLE_M)
-        trained[name] = train(
-            segments, trained_for, watch=lambda share, at=at: watch((at + share) / len(VEHICLES))  # type: ignore[misc]
-        )  # fmt: skip
+        for title, with_velocity in ((name, False), (f"{name} {WITH_VELOCITY}", True)):
+            trained[title] = train(segments, trained_for, with_velocity=with_velocity)
+            if folder is not None:
+                text = trained[title].model.to_json()
+                (folder / f"{title.replace(' ', '_')}.json").write_text(text, encoding="utf-8")
         if folder is not None:
             for path, segment in zip(TRAINING, segments, strict=True):
                 write(folder / f"{name}_{path.name}.csv", segment)
-            (folder / f"{name}.json").write_text(trained[name].model.to_json(), encoding="utf-8")
+        watch((at + 1) / len(VEHICLES))
     return trained
 
 
@@ -64,9 +67,10 @@ def tracked(flight: Flight) -> Segment:
     r_m = flight.column(SltsFlightLog.TRUE + 3, 2) + TRACKED_STD_M * noise
     dt_s = float(flight.t_s[1] - flight.t_s[0])
     window = 2 * round(0.5 * _SMOOTHED_S / dt_s) + 1
+    v_mps = savgol_filter(r_m, window, 3, deriv=1, delta=dt_s, axis=0)
+    # The vehicle's velocity as its autopilot tells it, which the plain EKF has made of it here.
+    estimate = flight.column(SltsFlightLog.EKF, 10)
+    vel_load_mps = estimate[:, 5:7] + estimate[:, 8:10] - v_mps
     return Segment(
-        flight.t_s,
-        flight.column(SltsFlightLog.FORCE, 3),
-        savgol_filter(r_m, window, 3, axis=0),
-        savgol_filter(r_m, window, 3, deriv=1, delta=dt_s, axis=0),
+        flight.t_s, flight.column(SltsFlightLog.FORCE, 3), savgol_filter(r_m, window, 3, axis=0), v_mps, vel_load_mps
     )
