@@ -7,7 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 import swingd
-from swingd.cli import check, demo, doctor, identify, replay, run, schema, sim, status, study
+from swingd.cli import check, demo, doctor, gp, identify, replay, run, schema, sim, status, study
 from swingd.cli.process import EXIT_CODES, report
 from swingd.model.errors import SwingdError
 
@@ -69,4 +69,5 @@ app.command(epilog=identify.EXAMPLES)(identify.identify)
 app.command(epilog=check.EXAMPLES)(check.check)
 app.command(epilog=doctor.EXAMPLES)(doctor.doctor)
 app.command(epilog=schema.EXAMPLES)(schema.schema)
+app.add_typer(gp.gp, name="gp")
 app.add_typer(study.study, name="study")

@@ -17,3 +17,5 @@ class Status(IntEnum):
     """A covariance is not positive definite; nothing was written."""
     INPUT_INVALID = 5
     """An input is not finite or out of its range; nothing was written."""
+    TOO_LATE = 6
+    """The measurement is older than what the filter remembers; nothing was written."""
