@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swingd.core.slts_flight import SltsFlightLog
+from swingd.core.slts_flight_layout import SltsFlightLog
 from swingd.model.errors import StudyError
 from swingd.studies.pictures import STYLE, WIDTH_IN, save
 from swingd.studies.slts import paper
