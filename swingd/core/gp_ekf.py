@@ -74,8 +74,8 @@ def dynamics(rate_out, A_out, G_out, model_var_out, x, force, Z, weights, K_inv,
     model_var_out : (2,), written
         Of v' by the Gaussian process [(m/s^2)^2]; 0 without samples.
     x : (10,)
-    force : (GpEkfParam.CABLE_LENGTH + 4,)
-        Force on the vehicle, ned, 3 [N]; then mass, payload mass, cable length.
+    force : (6,)
+        Force on the vehicle, ned, 3 [N]; then mass and payload mass [kg], cable length [m].
     Z, weights, K_inv, inv_sq_scales, signal_var
         See `swingd.core.gaussian_process`; no rows: no Gaussian process.
 

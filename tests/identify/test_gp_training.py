@@ -15,7 +15,7 @@ from swingd.estimation.acceleration_model import AccelerationModel, TrainedFor, 
 from swingd.identify import swing_log
 from swingd.identify.gp_training import INTERVAL_S, samples_of, train
 from swingd.identify.swing_log import Segment
-from swingd.model.errors import LogFormatError
+from swingd.model.errors import ConfigurationError, LogFormatError
 
 MASS, PAYLOAD, LENGTH = 1.52, 0.5, 1.6
 TRAINED_FOR = TrainedFor(MASS, PAYLOAD, LENGTH)
@@ -130,6 +130,12 @@ def test_the_model_is_bounded_and_the_same_logs_give_the_same(training, segments
 def test_too_short_logs_are_refused():
     with pytest.raises(LogFormatError, match=r"samples of 0.1 s for training; expected at least"):
         train([flown(1, 6.0)], TRAINED_FOR)
+
+
+def test_without_scikit_learn_it_says_what_to_install(segments, monkeypatch):
+    monkeypatch.setattr("swingd.identify.gp_training.find_spec", lambda name: None)
+    with pytest.raises(ConfigurationError, match=r"expected: pip install 'swingd\[train\]'"):
+        train(segments, TRAINED_FOR)
 
 
 # ---- logs
