@@ -27,8 +27,11 @@ def missing(r, v):
     return -0.6 * v + 1.2 * np.sin(4.0 * r)
 
 
-def flown(seed, duration_s=40.0, noise=0.0, drag=0.0):
-    """A swing with an error of its own, as a log; v to within its noise, the load cruising to and fro."""
+def flown(seed, duration_s=40.0, noise=0.0, drag=0.0, load_share=0.0):
+    """A swing with an error of its own, as a log; v to within its noise.
+
+    With drag the load is said to cruise to and fro, else its velocity is the one that it has.
+    """
     rng = np.random.default_rng(seed)
     x, acc = np.zeros(10), np.empty(6)
     x[3:5] = 0.2 * rng.standard_normal(2)
@@ -50,12 +53,14 @@ def flown(seed, duration_s=40.0, noise=0.0, drag=0.0):
                 slts.acceleration(acc, x, force, np.zeros(3), MASS, PAYLOAD, LENGTH)
                 rate = np.concatenate([x[5:], acc[:5]])
                 rate[8:] += missing(x[3:5], x[8:]) + dragged
+                rate[5:7] -= load_share * missing(x[3:5], x[8:])
                 middle = x + 0.25 * DT_S * rate
                 slts.acceleration(acc, middle, force, np.zeros(3), MASS, PAYLOAD, LENGTH)
                 rate = np.concatenate([middle[5:], acc[:5]])
                 rate[8:] += missing(middle[3:5], middle[8:]) + dragged
+                rate[5:7] -= load_share * missing(middle[3:5], middle[8:])
                 x = x + 0.5 * DT_S * rate
-        rows.append([t_s, *force, *x[3:5], *(x[8:] + noise * rng.standard_normal(2)), *vel])
+        rows.append([t_s, *force, *x[3:5], *(x[8:] + noise * rng.standard_normal(2)), *(vel if drag else x[5:7])])
     table = np.array(rows)
     return Segment(table[:, 0], table[:, 1:4], table[:, 4:6], table[:, 6:8], table[:, 8:])
 
@@ -120,6 +125,14 @@ def test_drag_of_the_load_needs_its_velocity():
     assert wide.score.log_likelihood_after > narrow.score.log_likelihood_after + 0.3
     with pytest.raises(LogFormatError, match=r"no vehicle's velocity; expected columns vn_mps, ve_mps"):
         train([replace(segments[0], vel_load_mps=None)], TRAINED_FOR, with_velocity=True)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_which_body_the_error_pushes_shows_in_the_vehicles_acceleration(share):
+    segments = [flown(seed, noise=0.004, load_share=share) for seed in (8, 9)]
+    assert train(segments, TRAINED_FOR, 40).model.load_share == pytest.approx(share, abs=0.1)
+    silent = [replace(segment, vel_load_mps=None) for segment in segments]
+    assert train(silent, TRAINED_FOR, 40).model.load_share == 0.0
 
 
 def test_the_model_is_bounded_and_the_same_logs_give_the_same(training, segments):

@@ -83,7 +83,8 @@ def run(scenario: Scenario, seed: int, gp: Prepared = NOTHING_LEARNED, feedback:
     written = int(
         fly(
             log, x, vehicle.packed(), weaker, rotors, vehicle.allocation(), _flight_parameters(scenario, feedback),
-            scenario.path.packed(), scenario.filters.packed(), np.array(scenario.waypoints_ned_m, dtype=float),
+            scenario.path.packed(), scenario.filters.packed(gp.load_share),
+            np.array(scenario.waypoints_ned_m, dtype=float),
             gp.Z, gp.weights, gp.K_inv, gp.inv_sq_scales, gp.signal_var, noise, camera, white,
         )
     )  # fmt: skip
