@@ -193,7 +193,7 @@ def test_another_vehicles_paths_keep_its_facts():
 def test_figures_show_the_flights_and_miss_what_is_missing(flights):
     drawn = dict(figures(flights[SEEDS[0]]))
     assert sorted(drawn) == [3, 4, 5, 6]
-    plan, errors = drawn[3].axes[:2]
+    plan, _, errors = drawn[3].axes[:3]
     east = plan.get_lines()[1].get_xdata()
     np.testing.assert_array_equal(east, flights[SEEDS[0]]["square"].column(L.TRUE + 1))
     assert errors.get_lines()[0].get_ydata().max() == pytest.approx(
