@@ -1,8 +1,8 @@
 """The tether UKF as its paper has it, on inclination and azimuth: the comparison for `swingd.core.tether_ukf`.
 
-States theta, theta', phi, phi' of (12), the azimuth absolute: phi = phi_b + psi + pi/2 by (1), so that the vehicle's yaw
-acceleration, which (17) subtracts, is not needed. Level frame, z down; phi from x to y. Undefined at theta = 0: there
-1 / sin(theta) is held at 1 / `SIN_MIN`, and a state that passes through is turned to the other side.
+States theta, theta', phi, phi' of (12) in the vehicle's heading frame, x along its nose, z down; phi from x to y, so that
+phi = phi_b + pi/2 with the phi_b of (1). The frame turns: the vehicle's yaw rate and acceleration enter. Undefined at
+theta = 0: there 1 / sin(theta) is held at 1 / `SIN_MIN`, and a state that passes through is turned to the other side.
 
 Equations of Y. Ohira, A. Asignacion, S. Suzuki, Payload state estimation for cooperative manipulation using multiple
 UAVs. Misprints that matter here: (2) must have +cos(theta); (10), (11) must use -F_s; (14) must read a_0 = a_d + a_rel;
@@ -63,8 +63,8 @@ def _wrapped(angle):
     return angle - 2.0 * pi * np.floor((angle + pi) / (2.0 * pi))
 
 
-@kernel(VOID(VEC, VEC, VEC, VEC, F8, F8, I8, I8))
-def angle_rates(x_rate_out, x, force, rel_acc, inv_length, mass_kg, model, rotating):
+@kernel(VOID(VEC, VEC, VEC, VEC, VEC, F8, F8, I8, I8))
+def angle_rates(x_rate_out, x, force, rel_acc, turn, inv_length, mass_kg, model, rotating):
     """Right side of (17) or of what it should be.
 
     Parameters
@@ -73,9 +73,12 @@ def angle_rates(x_rate_out, x, force, rel_acc, inv_length, mass_kg, model, rotat
     x : (4,)
         theta [rad], its rate, phi, its rate.
     force : (3,)
-        ``PRINTED``: thrust R_f F_f less m a_d [N]; ``PIVOT``: acceleration a_d of the vehicle [m/s^2]. Level frame.
+        ``PRINTED``: thrust R_f F_f less m a_d [N]; ``PIVOT``: acceleration a_d of the vehicle [m/s^2]. Heading frame.
     rel_acc : (3,)
         ``PRINTED``: a_rel of the step before, (15), (16) [m/s^2]; not used by the others.
+    turn : (2,)
+        Yaw rate [rad/s] and acceleration [rad/s^2] of the vehicle. ``RANDOM`` leaves the acceleration to the noise, as
+        the azimuth of a load that turns with its vehicles stays; the rate enters the rotating terms.
     inv_length, mass_kg : float
         1 / l [1/m]; m of (17): the vehicle's.
     model : TetherModel
@@ -96,10 +99,11 @@ def angle_rates(x_rate_out, x, force, rel_acc, inv_length, mass_kg, model, rotat
         along_theta = fx * c * c_phi + fy * c * s_phi - fz * s
         along_phi = -fx * s_phi + fy * c_phi
         theta_acc = -GRAVITY_MPS2 * inv_length * s + share * along_theta
-        phi_acc = share * along_phi / _divisor(s)
+        phi_acc = share * along_phi / _divisor(s) - turn[1]
     if rotating == 1:
-        theta_acc += x[_T.PHI_RATE] * x[_T.PHI_RATE] * s * c
-        phi_acc -= 2.0 * x[_T.THETA_RATE] * x[_T.PHI_RATE] * c / _divisor(s)
+        phi_rate = x[_T.PHI_RATE] + turn[0]
+        theta_acc += phi_rate * phi_rate * s * c
+        phi_acc -= 2.0 * x[_T.THETA_RATE] * phi_rate * c / _divisor(s)
     x_rate_out[_T.THETA] = x[_T.THETA_RATE]
     x_rate_out[_T.THETA_RATE] = theta_acc
     x_rate_out[_T.PHI] = x[_T.PHI_RATE]
@@ -108,7 +112,7 @@ def angle_rates(x_rate_out, x, force, rel_acc, inv_length, mass_kg, model, rotat
 
 @kernel(VOID(VEC, VEC, VEC, F8))
 def relative_acceleration(acc_out, x, x_rate, length_m):
-    """a_rel of (15), (16), with the u_r that belongs to (3), (4); level frame, as (3,) [m/s^2]."""
+    """a_rel of (15), (16), with the u_r that belongs to (3), (4); heading frame, as (3,) [m/s^2]."""
     s, c = sin(x[_T.THETA]), cos(x[_T.THETA])
     s_phi, c_phi = sin(x[_T.PHI]), cos(x[_T.PHI])
     a_r = -length_m * x[_T.THETA_RATE] * x[_T.THETA_RATE]
@@ -121,7 +125,7 @@ def relative_acceleration(acc_out, x, x_rate, length_m):
 
 @kernel(VOID(VEC, VEC))
 def observed_angles(angles_out, force):
-    """(10), (11) of the cable's pull on the vehicle -F_s, z down: theta in [0, pi] and phi in (-pi, pi], (2,) [rad]."""
+    """(10), (11) of the pull -F_s on the vehicle, heading frame: theta in [0, pi] and phi in (-pi, pi], (2,) [rad]."""
     angles_out[0] = atan2(hypot(force[0], force[1]), force[2])
     angles_out[1] = atan2(force[1], force[0])
 
@@ -140,8 +144,8 @@ def _unfold(x, P):
     x[_T.PHI] = _wrapped(x[_T.PHI])
 
 
-@kernel(I8(VEC, MAT, VEC, VEC, VEC, VEC, F8, F8, F8, I8, I8))
-def predict(x, P, rel_acc, force, rates, sigma, dt_s, inv_length, mass_kg, model, rotating):
+@kernel(I8(VEC, MAT, VEC, VEC, VEC, VEC, VEC, F8, F8, F8, I8, I8))
+def predict(x, P, rel_acc, force, turn, rates, sigma, dt_s, inv_length, mass_kg, model, rotating):
     """Carry mean and covariance over one interval, (13)-(21).
 
     Parameters
@@ -150,7 +154,7 @@ def predict(x, P, rel_acc, force, rates, sigma, dt_s, inv_length, mass_kg, model
         Untouched unless ``OK``.
     rel_acc : (3,), changed
         a_rel of the step before on entry, of this one on return; see `angle_rates`.
-    force : (3,)
+    force, turn : (3,), (2,)
         See `angle_rates`.
     rates : (4,), written
         Right side at the mean before the step.
@@ -177,20 +181,20 @@ def predict(x, P, rel_acc, force, rates, sigma, dt_s, inv_length, mass_kg, model
         at = points[k]
         for i in range(4):
             at[i] = x[i] + 2.0 * sign * L[i, column]
-        angle_rates(k1, at, force, rel_acc, inv_length, mass_kg, model, rotating)
+        angle_rates(k1, at, force, rel_acc, turn, inv_length, mass_kg, model, rotating)
         for i in range(4):
             trial[i] = at[i] + 0.5 * dt_s * k1[i]
-        angle_rates(k2, trial, force, rel_acc, inv_length, mass_kg, model, rotating)
+        angle_rates(k2, trial, force, rel_acc, turn, inv_length, mass_kg, model, rotating)
         for i in range(4):
             trial[i] = at[i] + 0.5 * dt_s * k2[i]
-        angle_rates(k3, trial, force, rel_acc, inv_length, mass_kg, model, rotating)
+        angle_rates(k3, trial, force, rel_acc, turn, inv_length, mass_kg, model, rotating)
         for i in range(4):
             trial[i] = at[i] + dt_s * k3[i]
-        angle_rates(k4, trial, force, rel_acc, inv_length, mass_kg, model, rotating)
+        angle_rates(k4, trial, force, rel_acc, turn, inv_length, mass_kg, model, rotating)
         for i in range(4):
             at[i] += dt_s / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
             mean[i] += at[i] / POINTS
-    angle_rates(rates, x, force, rel_acc, inv_length, mass_kg, model, rotating)
+    angle_rates(rates, x, force, rel_acc, turn, inv_length, mass_kg, model, rotating)
     P_next = np.empty((4, 4))
     total = 0.0
     for i in range(4):
@@ -266,7 +270,7 @@ def correct(x, P, angles, R_diag):
 
 @kernel(VOID(VEC, VEC))
 def direction(direction_out, x):
-    """u_r of (2) with its sign put right: unit vector from the vehicle to the load, (3,)."""
+    """u_r of (2) with its sign put right: unit vector from the vehicle to the load, heading frame, (3,)."""
     s = sin(x[_T.THETA])
     direction_out[0] = s * cos(x[_T.PHI])
     direction_out[1] = s * sin(x[_T.PHI])
