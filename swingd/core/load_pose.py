@@ -33,8 +33,11 @@ class TetherRow(IntEnum):
     SIZE = 11
 
 
-ITERATIONS_MAX = 30
-STEP_CONVERGED = 1e-10
+ITERATIONS_MAX = 60
+STEP_CONVERGED = 1e-8
+"""In deviations of the information's diagonal."""
+STEP_ROUNDING = 1e-3
+"""A step so small that no longer lowers the cost is rounding."""
 PIVOT_MIN = 1e-8
 """Of the scaled information: below it a direction of the pose is told by nothing."""
 SWEEPS_MAX = 40
@@ -354,11 +357,14 @@ def solve(p_out, R_out, cov_out, cost_out, rows, covs, angles, information, R_st
                 better = True
                 break
             share *= 0.5
-        if not better:
-            return _NOT_CONVERGED
         size = 0.0
         for i in range(UNKNOWN):
-            size = max(size, abs(share * step[i] * scale[i]))
+            size = max(size, abs(step[i]))
+        if not better:
+            if size < STEP_ROUNDING:
+                converged = True
+                continue
+            return _NOT_CONVERGED
         p[:], R[:, :], A[:, :], b[:], cost = p_trial, R_trial, A_trial, b_trial, cost_trial
         converged = size < STEP_CONVERGED
     if not converged:

@@ -3,15 +3,16 @@
 [1]_ keeps inclination and azimuth, and the azimuth is undefined where the tether hangs straight down: there its rate, its
 deviation and the terms with 1 / sin(theta) are without bounds. Here the state is a unit vector n from the vehicle to
 the load with its derivative v across it, as smooth at the vertical as anywhere else, and inclination and azimuth are
-only reported. The error of a state is four numbers in a basis (e1, e2) across n: the angle (delta) along the great
-circle from the mean to the truth, and the difference (omega) of the derivatives after the true one was carried back
-along it. Sigma points, mean and covariance are made of those.
+only reported. The error of a direction is two numbers in a basis (e1, e2) across n, the angle along the great circle from
+the mean to the truth; that of a derivative is its difference after the true one was carried back along it. Sigma
+points, mean and covariance are made of those.
 
-    n'' = ((g e_z - a_p) - n (n . (g e_z - a_p))) / l - |n'|^2 n
+    n'' = (f - n (n . f)) / l - |n'|^2 n          f = g e_z + d - a_p
 
 is the tether below a pivot with the acceleration a_p: gravity, inertia, centrifugal and Coriolis terms of (6), (7) with
-their signs put right. With 1 / l = 0 it is the great circle, along which only noise accelerates: the model (13) for a
-load that others hold as well.
+their signs put right. d is the horizontal pull over mass with which others hold the same load, or the wind on it: a slow
+random walk, zero and certain for a load of its own in still air. With 1 / l = 0 it is the great circle, along which only
+noise accelerates: the model (13).
 
 Level frame that does not turn, x forward, y right, z down.
 
@@ -30,7 +31,7 @@ from swingd.core.status import Status
 
 
 class TetherState(IntEnum):
-    """Offsets into the state, 9 numbers of which 4 are free."""
+    """Offsets into the state, 11 numbers of which 6 are free."""
 
     DIRECTION = 0
     """n, from the vehicle to the load, 3."""
@@ -38,10 +39,13 @@ class TetherState(IntEnum):
     """n' [1/s], across n, 3."""
     BASIS = 6
     """e1, across n, 3; e2 = n x e1. It moves with n without turning about it."""
-    SIZE = 9
+    PULL = 9
+    """d, x and y [m/s^2]."""
+    SIZE = 11
 
 
-NUM_ERRORS = 4
+NUM_ERRORS = 6
+"""Angle along e1, e2 [rad], rate along them [1/s], pull along x, y [m/s^2]."""
 POINTS = 2 * NUM_ERRORS
 MEAN_ITERATIONS_MAX = 8
 MEAN_TOLERANCE = 1e-12
@@ -49,6 +53,7 @@ MEAN_TOLERANCE = 1e-12
 _N = int(TetherState.DIRECTION)
 _V = int(TetherState.RATE)
 _E = int(TetherState.BASIS)
+_D = int(TetherState.PULL)
 _SIZE = int(TetherState.SIZE)
 _OK = int(Status.OK)
 _GATED = int(Status.GATED)
@@ -79,7 +84,7 @@ def straighten(x):
 
 @kernel(VOID(VEC))
 def hang(x_out):
-    """Write the tether at rest straight down, (9,)."""
+    """Write the tether at rest straight down, held by nobody else, (11,)."""
     x_out[:] = 0.0
     x_out[_N + 2] = 1.0
     x_out[_E] = 1.0
@@ -103,11 +108,11 @@ def moved(x_out, x, error):
 
     Parameters
     ----------
-    x_out : (9,), written
+    x_out : (11,), written
         Not ``x``.
-    x : (9,)
-    error : (4,)
-        Angle along e1 and e2 [rad], difference of the rates along them [1/s].
+    x : (11,)
+    error : (6,)
+        See `NUM_ERRORS`.
     """
     n, e1 = x[_N : _N + 3], x[_E : _E + 3]
     e2 = (n[1] * e1[2] - n[2] * e1[1], n[2] * e1[0] - n[0] * e1[2], n[0] * e1[1] - n[1] * e1[0])
@@ -117,6 +122,7 @@ def moved(x_out, x, error):
         x_out[_N + i] = c * n[i] + s * (error[0] * e1[i] + error[1] * e2[i])
         x_out[_V + i] = x[_V + i] + error[2] * e1[i] + error[3] * e2[i]
         x_out[_E + i] = e1[i]
+    x_out[_D], x_out[_D + 1] = x[_D] + error[4], x[_D + 1] + error[5]
     _carry(x_out[_V : _V + 3], n, x_out[_N : _N + 3])
     _carry(x_out[_E : _E + 3], n, x_out[_N : _N + 3])
     straighten(x_out)
@@ -130,7 +136,7 @@ def angle_to(angle_out, x, direction):
     ----------
     angle_out : (2,), written
         Its length is in [0, pi]; zero for the opposite direction, to which no great circle leads before others [rad].
-    x : (9,)
+    x : (11,)
     direction : (3,)
         Of any length but zero.
     """
@@ -152,7 +158,7 @@ def angle_to(angle_out, x, direction):
 
 @kernel(VOID(VEC, VEC, VEC))
 def error_to(error_out, x, other):
-    """Error of a state against another (9,), the inverse of `moved`, as (4,)."""
+    """Error of a state against another (11,), the inverse of `moved`, as (6,)."""
     angle_to(error_out[:2], x, other[_N : _N + 3])
     n, e1 = x[_N : _N + 3], x[_E : _E + 3]
     e2 = (n[1] * e1[2] - n[2] * e1[1], n[2] * e1[0] - n[0] * e1[2], n[0] * e1[1] - n[1] * e1[0])
@@ -162,6 +168,7 @@ def error_to(error_out, x, other):
     for i in range(3):
         error_out[2] += (back[i] - x[_V + i]) * e1[i]
         error_out[3] += (back[i] - x[_V + i]) * e2[i]
+    error_out[4], error_out[5] = other[_D] - x[_D], other[_D + 1] - x[_D + 1]
 
 
 @kernel(VOID(VEC, VEC, VEC, F8))
@@ -172,8 +179,7 @@ def acceleration(acc_out, x, pivot_acc, inv_length):
     ----------
     acc_out : (3,), written
         [1/s^2]
-    x : (>= 6,)
-        n and n'.
+    x : (11,)
     pivot_acc : (3,)
         Inertial acceleration of the upper end [m/s^2].
     inv_length : float
@@ -181,11 +187,11 @@ def acceleration(acc_out, x, pivot_acc, inv_length):
     """
     along, speed2 = 0.0, 0.0
     for i in range(3):
-        felt = (GRAVITY_MPS2 if i == 2 else 0.0) - pivot_acc[i]
+        felt = (GRAVITY_MPS2 if i == 2 else x[_D + i]) - pivot_acc[i]
         along += felt * x[_N + i]
         speed2 += x[_V + i] * x[_V + i]
     for i in range(3):
-        felt = (GRAVITY_MPS2 if i == 2 else 0.0) - pivot_acc[i]
+        felt = (GRAVITY_MPS2 if i == 2 else x[_D + i]) - pivot_acc[i]
         acc_out[i] = inv_length * (felt - along * x[_N + i]) - speed2 * x[_N + i]
 
 
@@ -193,7 +199,7 @@ def acceleration(acc_out, x, pivot_acc, inv_length):
 def swing_on(x, pivot_acc, inv_length, dt_s):
     """Advance direction and rate by one classical Runge-Kutta step, the pivot's acceleration held, in place.
 
-    The basis goes along. See `acceleration` for the arguments.
+    The basis goes along, the pull stays. See `acceleration` for the arguments.
     """
     before = x[_N : _N + 3].copy()
     trial, end = x.copy(), x.copy()
@@ -216,7 +222,7 @@ def swing_on(x, pivot_acc, inv_length, dt_s):
 
 @kernel(I8(MAT, VEC, MAT))
 def _spread(points_out, x, P):
-    """Write the sigma points (8, 9) of a state; ``NOT_POSITIVE`` where the covariance has no root."""
+    """Write the sigma points (12, 11) of a state; ``NOT_POSITIVE`` where the covariance has no root."""
     L = np.empty((NUM_ERRORS, NUM_ERRORS))
     if cholesky(L, P) != _OK:
         return _NOT_POSITIVE
@@ -229,13 +235,13 @@ def _spread(points_out, x, P):
     return _OK
 
 
-@kernel(I8(VEC, MAT, VEC, F8, F8, F8))
-def predict(x, P, pivot_acc, inv_length, acc_var, dt_s):
+@kernel(I8(VEC, MAT, VEC, F8, F8, F8, F8))
+def predict(x, P, pivot_acc, inv_length, acc_var, pull_var, dt_s):
     """Carry mean and covariance over one interval by sigma points, (13), (18)-(21).
 
     Parameters
     ----------
-    x, P : (9,), (4, 4), changed
+    x, P : (11,), (6, 6), changed
         State and covariance of its error; untouched unless ``OK``.
     pivot_acc : (3,)
         See `acceleration`.
@@ -244,6 +250,8 @@ def predict(x, P, pivot_acc, inv_length, acc_var, dt_s):
     acc_var : float
         Sigma of (19): variance of the acceleration along e1 and along e2 that is held over this interval [1/s^4].
         What reaches the covariance is Gamma Sigma Gamma^T with the Gamma of (20); a density q [1/s^3] is q / dt.
+    pull_var : float
+        What the pull's variance grows by over this interval, each axis [m^2/s^4].
     dt_s : float
         Interval [s], short against the pendulum's period; 0 changes nothing.
 
@@ -285,7 +293,9 @@ def predict(x, P, pivot_acc, inv_length, acc_var, dt_s):
             entry = 0.0
             for k in range(POINTS):
                 entry += (errors[k, i] - shift[i]) * (errors[k, j] - shift[j]) / POINTS
-            if (i - j) % 2 == 0:
+            if i >= 4:
+                entry += pull_var if i == j else 0.0
+            elif (i - j) % 2 == 0:
                 # Gamma Sigma Gamma^T: angle with angle, rate with rate, rate with the angle along the same axis.
                 gain_i = 0.5 * dt_s * dt_s if i < 2 else dt_s
                 gain_j = 0.5 * dt_s * dt_s if j < 2 else dt_s
@@ -310,7 +320,7 @@ def direction_noise(R_out, x, force, force_cov):
     ----------
     R_out : (2, 2), written
         [rad^2]
-    x : (9,)
+    x : (11,)
         Where the force is expected to point.
     force : (3,)
         As measured, not zero [N].
@@ -339,7 +349,7 @@ def correct(x, P, nis_out, direction, R, nis_gate):
 
     Parameters
     ----------
-    x, P : (9,), (4, 4), changed
+    x, P : (11,), (6, 6), changed
         Untouched unless ``OK``.
     nis_out : (1,), written
         Normalised innovation squared, 2 degrees of freedom.
@@ -413,7 +423,7 @@ def spherical(angles_out, x):
     angles_out : (4,), written
         theta in [0, pi] [rad], its rate, phi from x to y in (-pi, pi] [rad], its rate; 0 for azimuth and its rate
         where the tether is vertical: they mean nothing there.
-    x : (9,)
+    x : (11,)
     """
     across = hypot(x[_N], x[_N + 1])
     angles_out[0] = atan2(across, x[_N + 2])

@@ -1,10 +1,12 @@
 """Direction of one tether by the unscented filter on the sphere, whoever else holds the load."""
 
+import copy
 import math
 
 import numpy as np
 
 from swingd.core import tether_ukf as kernels
+from swingd.core.constants import GRAVITY_MPS2
 from swingd.core.status import Status
 from swingd.model.estimate import FloatArray
 
@@ -12,6 +14,10 @@ STEP_MAX_S = 0.02
 """Longer intervals are divided: a thirtieth of the period of a tether of 0.1 m."""
 FORCE_MIN_N = 1e-9
 """A smaller cable force has no direction."""
+
+
+PULL_STD_MIN_MPS2 = 1e-6
+"""A pull that is certain still needs a root of its variance."""
 
 
 class TetherDirection:
@@ -22,20 +28,31 @@ class TetherDirection:
     Parameters
     ----------
     length_m : float
-        Tether below a moving vehicle, a load of its own [m]; infinite for a load that others hold as well, where the
-        direction is a random acceleration's (13).
+        Tether below a moving vehicle [m]; infinite for the random acceleration of (13) instead of a pendulum.
     acc_density : float
         Density of the noise acceleration across the tether [rad/s/sqrt(s)]: what the model leaves out.
     angle_std_init_rad, rate_std_init_radps : float
         Deviations of direction and rate at a start.
+    pull_density : float
+        Random walk of the pull with which others hold the same load, over its mass [m/s^2/sqrt(s)]; 0: nobody does.
+    pull_std_init_mps2 : float
+        Its deviation at a start.
     """
 
     def __init__(
-        self, length_m: float, acc_density: float, angle_std_init_rad: float, rate_std_init_radps: float
+        self,
+        length_m: float,
+        acc_density: float,
+        angle_std_init_rad: float,
+        rate_std_init_radps: float,
+        pull_density: float = 0.0,
+        pull_std_init_mps2: float = PULL_STD_MIN_MPS2,
     ) -> None:
         self._inv_length = 1.0 / length_m
         self._acc_var_s = acc_density**2
-        self._P_init = np.diag([angle_std_init_rad**2] * 2 + [rate_std_init_radps**2] * 2)
+        self._pull_var_per_s = pull_density**2
+        std = [angle_std_init_rad] * 2 + [rate_std_init_radps] * 2 + [max(pull_std_init_mps2, PULL_STD_MIN_MPS2)] * 2
+        self._P_init = np.diag(np.square(std))
         self._x = np.empty(kernels.TetherState.SIZE)
         self._P = np.empty((kernels.NUM_ERRORS, kernels.NUM_ERRORS))
         self._R = np.empty((2, 2))
@@ -45,12 +62,14 @@ class TetherDirection:
         self.reset()
 
     def reset(self, direction: FloatArray | None = None) -> None:
-        """Begin anew at rest, straight down or along ``direction`` (3,)."""
+        """Begin anew at rest, straight down or along ``direction`` (3,), held there by others."""
         kernels.hang(self._x)
         if direction is not None:
             error = np.zeros(kernels.NUM_ERRORS)
             kernels.angle_to(error[:2], self._x, direction)
             kernels.moved(self._x, self._x.copy(), error)
+            if self._pull_var_per_s > 0.0:
+                self._x[9:11] = GRAVITY_MPS2 / max(self._x[2], 0.1) * self._x[:2]
         self._P[:] = self._P_init
         self._nis[0] = 0.0
         self._pivot_acc[:] = 0.0
@@ -71,9 +90,10 @@ class TetherDirection:
         for _ in range(steps):
             status = Status(
                 kernels.predict(
-                    self._x, self._P, self._pivot_acc, self._inv_length, self._acc_var_s / step_s, step_s
+                    self._x, self._P, self._pivot_acc, self._inv_length, self._acc_var_s / step_s,
+                    self._pull_var_per_s * step_s, step_s,
                 )
-            )
+            )  # fmt: skip
             if status is not Status.OK:
                 return status
         return Status.OK
@@ -102,6 +122,14 @@ class TetherDirection:
         kernels.direction_noise(self._R, self._x, force_n, force_cov)
         return Status(kernels.correct(self._x, self._P, self._nis, force_n, self._R, nis_gate))
 
+    def ahead(self, dt_s: float) -> "TetherDirection":
+        """Give the tether as it will be, the pivot's acceleration held: what a known delay of the inputs asks for."""
+        later = copy.copy(self)
+        later._x, later._P, later._pivot_acc = self._x.copy(), self._P.copy(), self._pivot_acc.copy()
+        if dt_s > 0.0 and later.predict(self._pivot_acc, dt_s) is not Status.OK:
+            return self
+        return later
+
     @property
     def direction(self) -> FloatArray:
         """(3,) unit vector from the vehicle to the load, level frame."""
@@ -122,8 +150,13 @@ class TetherDirection:
 
     @property
     def error_cov(self) -> FloatArray:
-        """(4, 4) covariance of angle and rate across the tether."""
+        """(6, 6) covariance of angle and rate across the tether and of the pull of others."""
         return self._P.copy()
+
+    @property
+    def pull_mps2(self) -> FloatArray:
+        """(2,) horizontal pull of others on the load over its mass, level frame."""
+        return self._x[9:11].copy()
 
     @property
     def nis(self) -> float:

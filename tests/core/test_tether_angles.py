@@ -30,7 +30,7 @@ def test_with_the_rotating_terms_it_is_the_motion_on_the_sphere(model):
     e_theta = np.array([c * math.cos(x[2]), c * math.sin(x[2]), -s])
     e_phi = np.array([-math.sin(x[2]), math.cos(x[2]), 0.0])
     n = np.array([s * math.cos(x[2]), s * math.sin(x[2]), c])
-    on_sphere, acc = np.concatenate([n, x[1] * e_theta + s * x[3] * e_phi]), np.empty(3)
+    on_sphere, acc = np.concatenate([n, x[1] * e_theta + s * x[3] * e_phi, np.zeros(5)]), np.empty(3)
     sphere.acceleration(acc, on_sphere, a, 1.0 / L if model is TetherModel.PIVOT else 0.0)
     assert found[1] == pytest.approx(acc @ e_theta + x[3] ** 2 * s * c)
     assert found[3] == pytest.approx((acc @ e_phi - 2.0 * x[1] * x[3] * c) / s)
@@ -101,15 +101,15 @@ def test_away_from_the_vertical_both_filters_agree():
     P = np.diag([1e-6, 1e-6, 1e-6, 1e-6])
     x = predicted(np.array([0.5, 0.1, 0.3, 0.8]), P.copy(), TetherModel.PIVOT, True, 60)
     s = math.sin(0.5)
-    on_sphere = np.empty(9)
+    on_sphere = np.empty(11)
     sphere.hang(on_sphere)
     c = math.cos(0.5)
     n = [s * math.cos(0.3), s * math.sin(0.3), c]
     e_theta, e_phi = np.array([c * math.cos(0.3), c * math.sin(0.3), -s]), np.array([-math.sin(0.3), math.cos(0.3), 0.0])
-    on_sphere[:] = [*n, *(0.1 * e_theta + s * 0.8 * e_phi), *e_theta]
-    cov = np.diag([1e-6] * 4)
+    on_sphere[:] = [*n, *(0.1 * e_theta + s * 0.8 * e_phi), *e_theta, 0.0, 0.0]
+    cov = np.diag([1e-6] * 4 + [1e-12] * 2)
     for _ in range(60):
-        sphere.predict(on_sphere, cov, NOTHING, 1.0 / L, 1e-4, 0.01)
+        sphere.predict(on_sphere, cov, NOTHING, 1.0 / L, 1e-4, 0.0, 0.01)
     n_angles = np.empty(3)
     angles.direction(n_angles, x)
     np.testing.assert_allclose(n_angles, on_sphere[:3], atol=2e-4)
