@@ -1,8 +1,8 @@
 """Truth of the cooperative study: several quadrotors, a rigid load, elastic tethers that only pull, winches.
 
-Each tether runs from a point of a vehicle to a point of the load; a vehicle's winch lengthens some of its tethers and
-shortens others. Every body has mass, inertia about its own axes and six degrees of freedom; rotors follow their commands
-with a first-order lag. Another model than any estimator's: those know straight lines to one point each.
+Each tether runs from a point of a vehicle to a point of the load; a vehicle's winch lengthens some of its tethers
+and shortens others. Every body has mass, inertia about its own axes and six degrees of freedom; rotors follow their
+commands with a first-order lag. Another model than any estimator's: those know straight lines to one point each.
 """
 
 from enum import IntEnum
@@ -129,7 +129,7 @@ _Y = CarrierOutput
 
 @kernel(VOID(VEC, MAT, VEC, VEC))
 def _turned(out, R, vector, offset):
-    """out = R vector + offset."""
+    """Write R vector + offset."""
     for i in range(3):
         out[i] = offset[i] + R[i, 0] * vector[0] + R[i, 1] * vector[1] + R[i, 2] * vector[2]
 

@@ -1,8 +1,8 @@
 """Pose of a load that hangs on any number of tethers, by least squares over its anchors.
 
-Horn's alignment of the anchors as seen (hook plus length times direction) with those of the drawing starts it;
-Gauss-Newton then weighs what each tether tells for what it is: its length well, its direction less well. Attitude angles
-that are known otherwise, such as the pitch from a winch, enter as measurements; what nothing tells is a status.
+Horn's alignment of the anchors as seen (hook plus length times direction) with those of the drawing starts it [1]_;
+Gauss-Newton then weighs what each tether tells for what it is: its length well, its direction less well. Attitude
+angles that are known otherwise, such as the pitch from a winch, enter as measurements; what nothing tells is a status.
 
 .. [1] B. K. P. Horn, Closed-form solution of absolute orientation using unit quaternions, J. Opt. Soc. Am. A 4 (1987).
 """

@@ -1,8 +1,9 @@
 """The tether UKF as its paper has it, on inclination and azimuth: the comparison for `swingd.core.tether_ukf`.
 
-States theta, theta', phi, phi' of (12) in the vehicle's heading frame, x along its nose, z down; phi from x to y, so that
-phi = phi_b + pi/2 with the phi_b of (1). The frame turns: the vehicle's yaw rate and acceleration enter. Undefined at
-theta = 0: there 1 / sin(theta) is held at 1 / `SIN_MIN`, and a state that passes through is turned to the other side.
+States theta, theta', phi, phi' of (12) in the vehicle's heading frame, x along its nose, z down; phi from x to y, so
+that phi = phi_b + pi/2 with the phi_b of (1). The frame turns: the vehicle's yaw rate and acceleration enter. Undefined
+at theta = 0: there 1 / sin(theta) is held at 1 / `SIN_MIN`, and a state that passes through is turned to the other
+side.
 
 Equations of Y. Ohira, A. Asignacion, S. Suzuki, Payload state estimation for cooperative manipulation using multiple
 UAVs. Misprints that matter here: (2) must have +cos(theta); (10), (11) must use -F_s; (14) must read a_0 = a_d + a_rel;
@@ -95,7 +96,7 @@ def angle_rates(x_rate_out, x, force, rel_acc, turn, inv_length, mass_kg, model,
         fx, fy, fz = -force[0], -force[1], -force[2]
         share = inv_length
     theta_acc, phi_acc = 0.0, 0.0
-    if model == _PRINTED or model == _PIVOT:
+    if model in (_PRINTED, _PIVOT):
         along_theta = fx * c * c_phi + fy * c * s_phi - fz * s
         along_phi = -fx * s_phi + fy * c_phi
         theta_acc = -GRAVITY_MPS2 * inv_length * s + share * along_theta

@@ -1,18 +1,18 @@
-"""Unscented Kalman filter of a tether's direction on the sphere; equations (9)-(21) of [1]_ without their singularity.
+"""Unscented Kalman filter of a tether's direction on the sphere; (9)-(21) of [1]_ without their singularity.
 
-[1]_ keeps inclination and azimuth, and the azimuth is undefined where the tether hangs straight down: there its rate, its
-deviation and the terms with 1 / sin(theta) are without bounds. Here the state is a unit vector n from the vehicle to
-the load with its derivative v across it, as smooth at the vertical as anywhere else, and inclination and azimuth are
-only reported. The error of a direction is two numbers in a basis (e1, e2) across n, the angle along the great circle from
-the mean to the truth; that of a derivative is its difference after the true one was carried back along it. Sigma
+[1]_ keeps inclination and azimuth, and the azimuth is undefined where the tether hangs straight down: there its rate,
+its deviation and the terms with 1 / sin(theta) are without bounds. Here the state is a unit vector n from the vehicle
+to the load with its derivative across it, as smooth at the vertical as anywhere else, and inclination and azimuth are
+only reported. The error of a direction is two numbers in a basis (e1, e2) across n, the angle along the great circle
+from the mean to the truth; that of a derivative is its difference after the true one was carried back along it. Sigma
 points, mean and covariance are made of those.
 
     n'' = (f - n (n . f)) / l - |n'|^2 n          f = g e_z + d - a_p
 
-is the tether below a pivot with the acceleration a_p: gravity, inertia, centrifugal and Coriolis terms of (6), (7) with
-their signs put right. d is the horizontal pull over mass with which others hold the same load, or the wind on it: a slow
-random walk, zero and certain for a load of its own in still air. With 1 / l = 0 it is the great circle, along which only
-noise accelerates: the model (13).
+is the tether below a pivot with the acceleration a_p: gravity, inertia, centrifugal and Coriolis terms of (6), (7)
+with their signs put right. d is the horizontal pull over mass with which others hold the same load, or the wind on it:
+a slow random walk, zero and certain for a load of its own in still air. With 1 / l = 0 it is the great circle, along
+which only noise accelerates: the model (13).
 
 Level frame that does not turn, x forward, y right, z down.
 
@@ -173,7 +173,7 @@ def error_to(error_out, x, other):
 
 @kernel(VOID(VEC, VEC, VEC, F8))
 def acceleration(acc_out, x, pivot_acc, inv_length):
-    """n'' of a tether below an accelerated pivot; see the module.
+    """Give n'' of a tether below an accelerated pivot; see the module.
 
     Parameters
     ----------

@@ -88,7 +88,9 @@ class CooperativePose:
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
         self._R_last[:] = ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))
 
-    def solve(self, tethers: Sequence[TetherSight], known: KnownAngles = KnownAngles()) -> tuple[Status, LoadPose | None]:  # noqa: B008
+    def solve(
+        self, tethers: Sequence[TetherSight], known: KnownAngles = KnownAngles()
+    ) -> tuple[Status, LoadPose | None]:
         """Find the pose that fits everything best.
 
         Parameters

@@ -1,4 +1,4 @@
-"""Pose of a load from its tethers: alignment against SciPy, least squares against SciPy, covariance, degenerate cases."""
+"""Pose of a load from its tethers: alignment and least squares against SciPy, covariance, degenerate cases."""
 
 import math
 

@@ -45,7 +45,7 @@ def test_what_the_paper_neglects_is_centrifugal_and_coriolis():
 
 def test_in_a_turning_heading_frame_the_azimuth_s_absolute_rate_counts():
     x, a, turn = np.array([0.6, 0.7, -1.9, 1.3]), np.array([0.8, -1.2, 0.5]), np.array([0.4, 0.9])
-    absolute = x + [0.0, 0.0, 0.0, turn[0]]
+    absolute = x + np.array([0.0, 0.0, 0.0, turn[0]])
     seen, true = rates(x, a, TetherModel.PIVOT, True, turn=turn), rates(absolute, a, TetherModel.PIVOT, True)
     np.testing.assert_allclose(seen[[1, 3]], true[[1, 3]] - [0.0, turn[1]])
 
@@ -73,14 +73,18 @@ def test_the_printed_model_drives_an_error_away_where_it_should_pull_it_in():
     truth, a = np.array([0.4, 0.0, 0.7, 0.0]), NOTHING
     force = exact_inputs(truth, truth, a)
     for error in (-0.1, 0.1):
-        wrong = truth + [error, 0.0, 0.0, 0.0]
+        wrong = truth + np.array([error, 0.0, 0.0, 0.0])
         assert error * rates(wrong, force, TetherModel.PRINTED, False)[1] > 0.0
         assert error * (rates(wrong, a, TetherModel.PIVOT, False) - rates(truth, a, TetherModel.PIVOT, False))[1] < 0.0
 
 
 def test_a_load_ahead_is_at_azimuth_0_and_one_on_the_right_at_90_deg():
     seen, n = np.empty(2), np.empty(3)
-    for force, wanted in (((1.0, 0.0, 1.0), (45.0, 0.0)), ((0.0, 1.0, 1.0), (45.0, 90.0)), ((-1.0, 0.0, 1.0), (45.0, 180.0))):
+    for force, wanted in (
+        ((1.0, 0.0, 1.0), (45.0, 0.0)),
+        ((0.0, 1.0, 1.0), (45.0, 90.0)),
+        ((-1.0, 0.0, 1.0), (45.0, 180.0)),
+    ):
         angles.observed_angles(seen, np.array(force))
         assert np.degrees(seen) == pytest.approx(wanted)
         angles.direction(n, np.array([seen[0], 0.0, seen[1], 0.0]))
@@ -105,7 +109,10 @@ def test_away_from_the_vertical_both_filters_agree():
     sphere.hang(on_sphere)
     c = math.cos(0.5)
     n = [s * math.cos(0.3), s * math.sin(0.3), c]
-    e_theta, e_phi = np.array([c * math.cos(0.3), c * math.sin(0.3), -s]), np.array([-math.sin(0.3), math.cos(0.3), 0.0])
+    e_theta, e_phi = (
+        np.array([c * math.cos(0.3), c * math.sin(0.3), -s]),
+        np.array([-math.sin(0.3), math.cos(0.3), 0.0]),
+    )
     on_sphere[:] = [*n, *(0.1 * e_theta + s * 0.8 * e_phi), *e_theta, 0.0, 0.0]
     cov = np.diag([1e-6] * 4 + [1e-12] * 2)
     for _ in range(60):

@@ -148,7 +148,9 @@ def test_noise_enters_as_gamma_sigma_gamma():
     gamma = np.array([[0.5 * 0.05**2, 0.0], [0.0, 0.5 * 0.05**2], [0.05, 0.0], [0.0, 0.05]])
     F = np.eye(4)
     F[0, 2] = F[1, 3] = 0.05
-    np.testing.assert_allclose(P[:4, :4], F @ (1e-8 * np.eye(4)) @ F.T + gamma @ (0.09 * np.eye(2)) @ gamma.T, atol=1e-12)
+    np.testing.assert_allclose(
+        P[:4, :4], F @ (1e-8 * np.eye(4)) @ F.T + gamma @ (0.09 * np.eye(2)) @ gamma.T, atol=1e-12
+    )
     np.testing.assert_allclose(P[4:, 4:], (1e-8 + 4e-3) * np.eye(2), atol=1e-15)
 
 
@@ -180,7 +182,7 @@ def test_small_swings_are_those_of_a_linear_kalman_filter():
 
 
 def test_it_does_not_matter_where_forward_is():
-    """The basis across the tether is nobody's: a turned world gives the turned estimate, through the vertical as well."""
+    """The basis across the tether is nobody's: a turned world gives the turned estimate, also through the vertical."""
     rng = np.random.default_rng(5)
     angle = 2.2
     x = state(0.3, 0.1, -1.0, 0.2)

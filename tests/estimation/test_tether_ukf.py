@@ -131,9 +131,7 @@ def test_the_tension_is_that_of_the_cable(swing):
     for k in range(800):
         u, z = inputs(swing, (k + 0.5) * DT_S)
         ukf.step(u, z, DT_S)
-    assert ukf.estimate().tension_n == pytest.approx(
-        np.linalg.norm(M * z - [0.0, 0.0, M * GRAVITY_MPS2] - u), rel=1e-3
-    )
+    assert ukf.estimate().tension_n == pytest.approx(np.linalg.norm(M * z - [0.0, 0.0, M * GRAVITY_MPS2] - u), rel=1e-3)
 
 
 def test_at_rest_at_the_vertical_it_stays_there():

@@ -2,11 +2,12 @@
 
 import typer
 
-from swingd.cli.study import drones2023
+from swingd.cli.study import cooperative, drones2023
 
 EXAMPLES = """\b
 Examples:
   swingd study drones2023
+  swingd study cooperative
 """
 
 study = typer.Typer(no_args_is_help=True)
@@ -18,3 +19,4 @@ def _study() -> None:
 
 
 study.command(epilog=drones2023.EXAMPLES)(drones2023.drones2023)
+study.command(epilog=cooperative.EXAMPLES)(cooperative.cooperative)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import atan2, hypot, radians
+from math import atan2, hypot, inf, radians
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from swingd.studies.cooperative.paper_filter import AngleNoise, track
 
 CALIBRATED_DEG = np.linspace(-25.0, 25.0, 11)
 """Pitches at which the winch was calibrated."""
+FORCE_STD_MIN_N = 0.05
 UNTOLD = 1e3
 """Deviation of what a tether does not tell, in m or rad."""
 NOMINAL_M = v.triangle(v.TETHER_M, v.TETHER_M).middle_m
@@ -43,14 +44,14 @@ class Track:
 class Tuning:
     """Of our estimator."""
 
-    low_pass_hz: float = 2.0
+    low_pass_hz: float = 8.0
     """Of the inputs; infinite: not filtered."""
-    acc_density: float = 0.3
+    acc_density: float = 0.2
     """Of the noise acceleration across a tether [rad/s/sqrt(s)]."""
-    length_m: float = 1.3
-    """Of the pendulum as which the load swings below both: to its CG; infinite: random acceleration (13)."""
-    pull_density: float = 0.3
-    """Of the other vehicle's pull [m/s^2/sqrt(s)]."""
+    length_m: float = inf
+    """Of the pendulum as which the load swings, held aside by the other vehicle; infinite: random acceleration (13)."""
+    pull_density: float = 3.0
+    """Of the other vehicle's pull on such a pendulum [m/s^2/sqrt(s)]."""
     length_std_m: float = 0.004
     anchor_geometry: bool = True
     """False: anchors in the middle of the edge, and the pose of (22)-(25)."""
@@ -92,7 +93,7 @@ def paper_track(
     return _pose_of_two(carriers, directions, table)
 
 
-def our_track(carriers: Sequence[Carrier], noise: Noise, table: WinchTable, tuning: Tuning = Tuning()) -> Track:  # noqa: B008
+def our_track(carriers: Sequence[Carrier], noise: Noise, table: WinchTable, tuning: Tuning = Tuning()) -> Track:
     """Estimate with filtered inputs, on the sphere, by least squares over the anchors.
 
     Parameters
@@ -104,9 +105,9 @@ def our_track(carriers: Sequence[Carrier], noise: Noise, table: WinchTable, tuni
     tuning : Tuning
     """
     samples = carriers[0].yaw_rad.size
-    # White noise of a sample; the low-pass keeps its density.
-    acc_var = np.square(np.maximum(noise.acc_frd_mps2, 0.02)) * v.MASS_KG**2
-    force_cov = np.diag(acc_var) + np.diag([0.0, 0.0, max(noise.thrust_n, 0.05) ** 2])
+    # White noise of a sample: the low-pass keeps its density for slow signals, and that is what counts.
+    force_var = (v.MASS_KG * noise.acc_mps2) ** 2 + FORCE_STD_MIN_N**2
+    force_cov = np.diag([force_var, force_var, force_var + noise.thrust_n**2])
     directions, covs = np.empty((v.CARRIERS, samples, 3)), np.empty((v.CARRIERS, samples, 3, 3))
     for index, carrier in enumerate(carriers):
         tether = TetherDirection(tuning.length_m, tuning.acc_density, 0.2, 0.2, tuning.pull_density, 0.5)

@@ -75,6 +75,10 @@ class Flight:
         begin = LoadLog.SIZE + index * CarrierLog.SIZE + first
         return self.log[:, begin : begin + 3]
 
+    def carrier_yaw_rad(self, index: int) -> FloatArray:
+        """Return a vehicle's heading, (n,)."""
+        return self.carrier(index, CarrierLog.EULER)[:, 2]
+
     def thrust_n(self, index: int) -> FloatArray:
         """Return a vehicle's thrust, mean over each sample, (n,)."""
         return self.log[:, LoadLog.SIZE + index * CarrierLog.SIZE + CarrierLog.THRUST]
@@ -86,12 +90,14 @@ class Flight:
     def hook_ned_m(self, index: int) -> FloatArray:
         """Return where a vehicle's tethers begin, (n, 3)."""
         rotation = rotations(self.carrier(index, CarrierLog.EULER))
-        return self.carrier(index, CarrierLog.POS) + rotation @ np.array(v.HOOK_FRD_M)
+        hook: FloatArray = self.carrier(index, CarrierLog.POS) + rotation @ np.array(v.HOOK_FRD_M)
+        return hook
 
     def anchor_ned_m(self, index: int) -> FloatArray:
         """Return the middle between a vehicle's two anchors, (n, 3)."""
         place = np.array([0.0, v.SIDES[index] * v.HALF_SPAN_M, -v.ANCHOR_UP_M])
-        return self.load(LoadLog.POS) + rotations(self.load(LoadLog.EULER)) @ place
+        anchor: FloatArray = self.load(LoadLog.POS) + rotations(self.load(LoadLog.EULER)) @ place
+        return anchor
 
     def direction(self, index: int) -> FloatArray:
         """Return the unit vector from a vehicle's winch to the middle between its anchors, ned, (n, 3)."""
@@ -122,7 +128,8 @@ def references(course: FloatArray, lean_rad: float) -> FloatArray:
     """Place the vehicles over the load's course by inverse kinematics.
 
     Each winch's point stands where the load would be at rest with the wanted position and attitude, its tethers pulling
-    outwards as those of a level load that lean by ``lean_rad``; velocity and acceleration are fed forward, the inward pull of the tethers as well.
+    outwards as those of a level load that lean by ``lean_rad``; velocity and acceleration are fed forward, the inward
+    pull of the tethers as well.
 
     Parameters
     ----------
@@ -189,7 +196,7 @@ def run(scenario: Scenario, seed: int) -> Flight:
         If the flight diverges.
     """
     samples = round(scenario.duration_s / SAMPLE_S) + 1
-    course = scenario.course(np.arange(samples) * SAMPLE_S)
+    course = scenario.course(np.arange(samples, dtype=float) * SAMPLE_S)
     wanted = references(course, scenario.lean_rad)
     gust_seed, noise_seed = np.random.SeedSequence(seed).spawn(2)
     gusts = _gusts(np.random.default_rng(gust_seed), samples, scenario)
@@ -198,24 +205,26 @@ def run(scenario: Scenario, seed: int) -> Flight:
     x = v.at_rest(begin, course[0, :3], float(course[0, 5]))
     log = np.empty((samples, LoadLog.SIZE + v.CARRIERS * CarrierLog.SIZE))
     tensions = np.empty((samples, 2 * v.CARRIERS))
-    rows = int(
-        fly(
-            log, tensions, x, v.parameters(), v.rotors(), v.tethers(), v.allocation(), v.cascade(), wanted, gusts,
-            noise, np.array([scenario.pos_std_m, scenario.vel_std_mps]), DT_S, CONTROL_EVERY,
-        )  # fmt: skip
-    )
+    told = np.array([scenario.pos_std_m, scenario.vel_std_mps])
+    machine = (v.parameters(), v.rotors(), v.tethers(), v.allocation(), v.cascade())
+    rows = int(fly(log, tensions, x, *machine, wanted, gusts, noise, told, DT_S, CONTROL_EVERY))
     if rows < samples:
         raise StudyError(f"{scenario.name}, seed {seed}: the flight diverged; expected every state to stay finite")
     return Flight(scenario, log, tensions, course)
 
 
+def wander(white: FloatArray, time_s: float) -> FloatArray:
+    """Give Ornstein-Uhlenbeck processes of unit deviation (n, m) from standard normals, correlated over a time."""
+    kept = float(np.exp(-SAMPLE_S / time_s))
+    out = np.empty_like(white)
+    out[0] = white[0]
+    for row in range(1, white.shape[0]):
+        out[row] = kept * out[row - 1] + sqrt(1.0 - kept * kept) * white[row]
+    return out
+
+
 def _gusts(rng: np.random.Generator, samples: int, scenario: Scenario) -> FloatArray:
-    """Force and moment of the air on the load: Ornstein-Uhlenbeck processes."""
+    """Force and moment of the air on the load."""
     std = np.array([scenario.gust_force_n] * 3 + [scenario.gust_moment_nm] * 3)
-    kept = np.exp(-SAMPLE_S / scenario.gust_time_s)
-    white = rng.standard_normal((samples, GUST_PER_LOAD)) * std
-    gusts = np.empty((samples, GUST_PER_LOAD))
-    gusts[0] = white[0]
-    for row in range(1, samples):
-        gusts[row] = kept * gusts[row - 1] + sqrt(1.0 - kept * kept) * white[row]
+    gusts: FloatArray = wander(rng.standard_normal((samples, GUST_PER_LOAD)), scenario.gust_time_s) * std
     return gusts

@@ -7,7 +7,6 @@ import numpy as np
 from swingd.core.constants import GRAVITY_MPS2
 from swingd.core.cooperative_flight import CarrierLog
 from swingd.model.estimate import FloatArray
-from swingd.model.events import Vec3
 from swingd.studies.cooperative import vehicles as v
 from swingd.studies.cooperative.flight import Flight, rotations
 
@@ -16,7 +15,8 @@ from swingd.studies.cooperative.flight import Flight, rotations
 class Noise:
     """Errors of the sensors, white and per sample unless said otherwise."""
 
-    acc_frd_mps2: Vec3 = (0.0, 0.0, 0.0)
+    acc_mps2: float = 0.0
+    """Of each axis of the accelerometer."""
     thrust_n: float = 0.0
     thrust_scale: float = 1.0
     """Thrust that the curve tells over the true one."""
@@ -43,7 +43,8 @@ class Carrier:
     @property
     def cable_n(self) -> FloatArray:
         """(n, 3) pull of the tethers on it: -F_s of (9), heading frame."""
-        return v.MASS_KG * (self.acc_mps2 - np.array([0.0, 0.0, GRAVITY_MPS2])) - self.thrust_n
+        pull: FloatArray = v.MASS_KG * (self.acc_mps2 - np.array([0.0, 0.0, GRAVITY_MPS2])) - self.thrust_n
+        return pull
 
 
 def measure(flight: Flight, noise: Noise, seed: int) -> tuple[Carrier, ...]:
@@ -53,7 +54,7 @@ def measure(flight: Flight, noise: Noise, seed: int) -> tuple[Carrier, ...]:
         rng = np.random.default_rng(child)
         n = flight.t_s.size
         euler = flight.carrier(index, CarrierLog.EULER) + noise.attitude_rad * rng.standard_normal((n, 3))
-        felt = flight.carrier(index, CarrierLog.SPECIFIC_FORCE) + np.array(noise.acc_frd_mps2) * rng.standard_normal((n, 3))
+        felt = flight.carrier(index, CarrierLog.SPECIFIC_FORCE) + noise.acc_mps2 * rng.standard_normal((n, 3))
         thrust = noise.thrust_scale * flight.thrust_n(index) + noise.thrust_n * rng.standard_normal(n)
         pos = flight.carrier(index, CarrierLog.POS) + noise.pos_m * rng.standard_normal((n, 3))
         winch = flight.winch_m(index) + noise.winch_m * rng.standard_normal(n)

@@ -85,12 +85,8 @@ def track(
     yaw_rate = np.gradient(np.unwrap(yaw_rad), dt_s)
     turn = np.ascontiguousarray(np.column_stack([yaw_rate, np.gradient(yaw_rate, dt_s)]))
     for row in range(n):
-        status = Status(
-            kernels.predict(
-                x, P, relative, driving[row], turn[row], rates, sigma, dt_s, 1.0 / length_m, mass_kg, int(model),
-                int(rotating),
-            )  # fmt: skip
-        )
+        way = (sigma, dt_s, 1.0 / length_m, mass_kg, int(model), int(rotating))
+        status = Status(kernels.predict(x, P, relative, driving[row], turn[row], rates, *way))
         if status is Status.OK:
             status = Status(kernels.correct(x, P, observed[row], R))
         if status is not Status.OK:

@@ -122,7 +122,10 @@ def rotors() -> FloatArray:
 def allocation() -> FloatArray:
     """Return each rotor's thrust per total thrust and per moment, (4, 4)."""
     effect = np.array(
-        [[1.0, -r[Rotor.PLACE + 1], r[Rotor.PLACE], r[Rotor.SPIN] * r[Rotor.TORQUE] / r[Rotor.THRUST]] for r in rotors()]
+        [
+            [1.0, -r[Rotor.PLACE + 1], r[Rotor.PLACE], r[Rotor.SPIN] * r[Rotor.TORQUE] / r[Rotor.THRUST]]
+            for r in rotors()
+        ]
     ).T
     return np.ascontiguousarray(np.linalg.inv(effect))
 
