@@ -6,7 +6,7 @@ kept; S. K. Mitra, Digital signal processing (2006).
 """
 
 from enum import IntEnum
-from math import cos, pi, sin, tan
+from math import cos, pi, tan
 
 from swingd.core._jit import F8, MAT, VEC, VOID, kernel
 
@@ -56,12 +56,12 @@ def notch(section_out, centre_hz, width_hz, rate_hz):
     ----------
     section_out : (5,), written
     centre_hz, width_hz : float
-        0 < centre < rate / 2, 0 < width [Hz].
+        0 < centre < rate / 2, 0 < width < rate / 2 [Hz].
     rate_hz : float
         Of the samples [Hz].
     """
     turn = 2.0 * pi * centre_hz / rate_hz
-    alpha = 0.5 * sin(turn) * width_hz / centre_hz
+    alpha = tan(pi * width_hz / rate_hz)
     scale = 1.0 / (1.0 + alpha)
     section_out[_S.B0] = scale
     section_out[_S.B1] = -2.0 * cos(turn) * scale
