@@ -143,8 +143,9 @@ class TetherDirection:
     @property
     def direction_cov(self) -> FloatArray:
         """(3, 3) covariance of the unit vector, of rank 2, level frame."""
-        e1 = self._x[6:9]
-        across = np.column_stack([e1, np.cross(self._x[:3], e1)])
+        nx, ny, nz, *_ = self._x.tolist()
+        ex, ey, ez = self._x[6:9].tolist()
+        across = np.array([[ex, ny * ez - nz * ey], [ey, nz * ex - nx * ez], [ez, nx * ey - ny * ex]])
         cov: FloatArray = across @ self._P[:2, :2] @ across.T
         return cov
 

@@ -135,7 +135,7 @@ def test_inner_forces_change_no_momentum():
     for _ in range(2000):
         step(x, np.zeros(U_SIZE), p, tethers)
     after, _ = momenta(x, p)
-    np.testing.assert_allclose(after, linear + [0.0, 0.0, mass * GRAVITY_MPS2 * 2.0], rtol=1e-9)
+    np.testing.assert_allclose(after, linear + np.array([0.0, 0.0, mass * GRAVITY_MPS2 * 2.0]), rtol=1e-9)
 
 
 def test_inner_forces_give_no_turn():

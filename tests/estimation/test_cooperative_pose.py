@@ -1,4 +1,4 @@
-"""Pose of a shared load: the paper's two vehicles and four tethers, three vehicles, winch, degenerate cases, bad inputs."""
+"""Pose of a shared load: two vehicles and four tethers, more of them, winch, degenerate cases, bad inputs."""
 
 import math
 
@@ -73,12 +73,16 @@ def test_two_points_alone_do_not_tell_the_turn_about_their_line():
 
 def test_four_tethers_from_two_vehicles_tell_everything():
     pos, R = load(0.1, -0.2, 0.4)
-    hooks = [pos + R @ np.array(end) - 1.19 * np.array([*lean, 1.0]) for end, lean in zip(ENDS, leans(0.4, 0.2), strict=True)]
+    hooks = [
+        pos + R @ np.array(end) - 1.19 * np.array([*lean, 1.0]) for end, lean in zip(ENDS, leans(0.4, 0.2), strict=True)
+    ]
     sights = []
     for k, anchor in enumerate(CORNERS):
         line = pos + R @ np.array(anchor) - hooks[k // 2]
         length_m = float(np.linalg.norm(line))
-        sights.append(TetherSight(hooks[k // 2], line / length_m, across(line / length_m, 0.02), length_m, 0.005, anchor))
+        sights.append(
+            TetherSight(hooks[k // 2], line / length_m, across(line / length_m, 0.02), length_m, 0.005, anchor)
+        )
     status, pose = CooperativePose().solve(sights)
     assert status is Status.OK
     np.testing.assert_allclose(pose.pos_ned_m, pos, atol=1e-7)
@@ -130,7 +134,9 @@ def test_the_covariance_is_that_of_many_draws():
             seen = one.direction_ned + np.linalg.cholesky(one.direction_cov + 1e-15 * np.eye(3)) @ rng.normal(size=3)
             seen /= np.linalg.norm(seen)
             length_m = one.length_m + one.length_std_m * rng.normal()
-            noisy.append(TetherSight(one.hook_ned_m, seen, across(seen, 0.02), length_m, one.length_std_m, one.anchor_frd_m))
+            noisy.append(
+                TetherSight(one.hook_ned_m, seen, across(seen, 0.02), length_m, one.length_std_m, one.anchor_frd_m)
+            )
         known = KnownAngles(pitch_rad=0.05 + 0.01 * rng.normal(), pitch_std_rad=0.01)
         status, pose = solver.solve(noisy, known)
         assert status is Status.OK

@@ -150,7 +150,9 @@ def test_bad_inputs_are_answered_and_change_nothing():
     bad = np.array([math.nan, 0.0, 0.0])
     assert matched.step(bad, np.ones(3), DT_S)[0] is Status.INPUT_INVALID
     assert matched.step(np.ones(3), np.ones(3), 0.0)[0] is Status.INPUT_INVALID
-    np.testing.assert_array_equal(matched.step(np.zeros(3), np.ones(3), DT_S)[1], same.step(np.zeros(3), np.ones(3), DT_S)[1])
+    np.testing.assert_array_equal(
+        matched.step(np.zeros(3), np.ones(3), DT_S)[1], same.step(np.zeros(3), np.ones(3), DT_S)[1]
+    )
 
 
 def test_without_filters_it_passes_everything():

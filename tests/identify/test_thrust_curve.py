@@ -119,7 +119,9 @@ def test_a_flight_without_hover_is_refused():
 
 
 def written(path, rows, header="throttle,thrust_n,voltage_v"):
-    path.write_text("\n".join([header, *(",".join(f"{cell:.6g}" for cell in row) for row in rows)]) + "\n", encoding="utf-8")
+    path.write_text(
+        "\n".join([header, *(",".join(f"{cell:.6g}" for cell in row) for row in rows)]) + "\n", encoding="utf-8"
+    )
     return path
 
 
@@ -158,7 +160,9 @@ def test_the_command_prints_one_object(tmp_path):
 
 def test_the_command_reads_a_flight_s_log(tmp_path):
     imu, attitudes, throttles, batteries = hover(np.random.default_rng(3))
-    volts = np.interp([s.t_boot_s for s in imu], [b.t_mono_s - 5.0 for b in batteries], [b.voltage_v for b in batteries])
+    volts = np.interp(
+        [s.t_boot_s for s in imu], [b.t_mono_s - 5.0 for b in batteries], [b.voltage_v for b in batteries]
+    )
     names = [
         "t_boot_s", *(f"acc_{i}_frd_mps2" for i in "xyz"), *(f"gyro_{i}_frd_radps" for i in "xyz"),
         "roll_rad", "pitch_rad", "yaw_rad", "throttle", "voltage_v",
@@ -184,7 +188,11 @@ def test_the_command_reads_a_flight_s_log(tmp_path):
 @pytest.mark.parametrize(
     ("rows", "header", "said"),
     [
-        ([(0.1, 1.0, 16.0)] * 2 + [(1.3, 1.0, 16.0)] + [(0.2, 1.0, 16.0)] * 3, None, "line 4: throttle 1.3; expected 0 .. 1"),
+        (
+            [(0.1, 1.0, 16.0)] * 2 + [(1.3, 1.0, 16.0)] + [(0.2, 1.0, 16.0)] * 3,
+            None,
+            "line 4: throttle 1.3; expected 0 .. 1",
+        ),
         ([(0.1, 1.0, 16.0)] + [(0.2, -2.0, 16.0)] * 5, None, "line 3: thrust_n -2; expected 0 .. 100000"),
         ([(0.1, 1.0, 16.0)] + [(0.2, 2.0, 0.0)] * 5, None, "line 3: voltage_v 0; expected 1 .. 1000"),
         ([(0.1, 1.0, 16.0)] + [(0.2, math.nan, 16.0)] * 5, None, "line 3: thrust_n nan; expected 0 .. 100000"),

@@ -55,13 +55,14 @@ def fly_all(seed: int, watch: Callable[[float], None] = lambda _share: None) -> 
         flight = run(scenario, seed)
         carriers = measure(flight, noise, seed)
         table = winch_table(scenario.lean_rad)
-        design = paper.EXPERIMENT if scenario is EXPERIMENT else paper.SIMULATION
+        noisy = scenario.name == EXPERIMENT.name
+        design = paper.EXPERIMENT if noisy else paper.SIMULATION
         tracks = {
             "paper": paper_track(carriers, design, table),
             PRINTED: paper_track(carriers, design, table, TetherModel.PRINTED),
             "ours": our_track(carriers, noise, table, TUNING),
         }
-        if scenario is EXPERIMENT:
+        if noisy:
             tracks |= {name: our_track(carriers, noise, table, tuning) for name, tuning in STEPS.items()}
         cases[scenario.name] = Case(flight, tracks)
         watch(done / len(CASES))
