@@ -1,7 +1,7 @@
 """Every estimator by its name over the recorded flights, as one table: python -m tools.estimators DATA.
 
-DATA is the folder of independent flights (docs/validation.md). Every estimator gets the flight's own configuration; only
-the load and the cable of dev_3 are set.
+DATA is the folder of independent flights (docs/validation.md). Every estimator gets the flight's own configuration;
+only the load and the cable of dev_3 are set.
 """
 
 import argparse

@@ -38,6 +38,8 @@ STEP_CONVERGED = 1e-8
 """In deviations of the information's diagonal."""
 STEP_ROUNDING = 1e-3
 """A step so small that no longer lowers the cost is rounding."""
+TURN_MAX_RAD = 0.2
+"""Of one iteration."""
 PIVOT_MIN = 1e-8
 """Of the scaled information: below it a direction of the pose is told by nothing."""
 SWEEPS_MAX = 40
@@ -344,7 +346,9 @@ def solve(p_out, R_out, cov_out, cost_out, rows, covs, angles, information, R_st
         cholesky_solve(step, L)
         if converged:
             break
-        share = 1.0
+        # A far turn would leave the valley it starts in for the load's mirror image above its tethers.
+        turn = sqrt((step[0] * scale[0]) ** 2 + (step[1] * scale[1]) ** 2 + (step[2] * scale[2]) ** 2)
+        share = min(1.0, TURN_MAX_RAD / max(turn, 1e-300))
         better = False
         for _halving in range(12):
             for i in range(3):

@@ -62,9 +62,18 @@ def test_the_anchors_geometry_is_what_the_yaw_needs(judged):
     assert judged["experiment/on the sphere"]["roll"] < 0.8 * judged["experiment/paper"]["roll"]
 
 
+def test_filtered_inputs_are_what_a_vibration_needs(study, judged):
+    for state in ("roll", "yaw", "y"):
+        assert judged["vibration/ours"][state] < 1.3 * judged["experiment/ours"][state], state
+        assert judged["vibration/unfiltered"][state] > 2.0 * judged["vibration/ours"][state], state
+    assert study.vibration["ours"].missing == 0
+    assert all(case.tracks["ours"].missing == 0 for case in study.cases.values())
+
+
 def test_without_noise_ours_follows_both_manoeuvres(judged):
     for case in ("attitude", "position"):
-        assert max(judged[f"{case}/ours/change_percent"].values()) < 0.0
+        for state, theirs in judged[f"{case}/paper"].items():
+            assert judged[f"{case}/ours"][state] < theirs, (case, state)
     assert judged["position/ours"]["y"] < 0.012
     assert judged["attitude/ours"]["roll"] < 0.3
 
@@ -248,4 +257,4 @@ def test_command_writes_tables_and_prints_one_object(tmp_path, monkeypatch):
     assert float(rows["experiment", "paper", "yaw"]["printed"]) == 2.034
     assert float(rows["experiment", "ours", "yaw"]["rmse"]) == pytest.approx(result["table3"]["yaw"]["ours"], rel=1e-5)
     page = (tmp_path / "out" / "tables.md").read_text(encoding="utf-8")
-    assert page.count("## ") == 5
+    assert page.count("## ") == 6

@@ -5,6 +5,7 @@ load, was chosen together with the noise so that the paper's filter, its errors 
 mean of the seeds 1 to 3; then frozen. Ours was tuned on the same seeds. Figures to judge by come from others.
 """
 
+from dataclasses import replace
 from math import inf, radians
 
 import numpy as np
@@ -71,7 +72,11 @@ NOISE = Noise(
 )
 """Of the experiment."""
 
+VIBRATION = replace(NOISE, vibration_mps2=2.0)
+"""The same with rotors out of balance: high-frequency noise of the inputs, which the paper names as its limit."""
+
 TUNING = Tuning()
+UNFILTERED = Tuning(low_pass_hz=inf)
 STEPS = {
     "on the sphere": Tuning(low_pass_hz=inf, anchor_geometry=False),
     "filtered": Tuning(anchor_geometry=False),

@@ -8,7 +8,7 @@ import numpy as np
 
 from swingd.core.status import Status
 from swingd.core.tether_angles import TetherModel
-from swingd.estimation.cooperative_pose import CooperativePose, TetherSight, WinchTable
+from swingd.estimation.cooperative_pose import CooperativePose, KnownAngles, TetherSight, WinchTable
 from swingd.estimation.input_filter import MatchedFilter
 from swingd.estimation.tether_direction import TetherDirection
 from swingd.model.errors import StudyError
@@ -21,8 +21,11 @@ from swingd.studies.cooperative.paper_filter import AngleNoise, track
 CALIBRATED_DEG = np.linspace(-25.0, 25.0, 11)
 """Pitches at which the winch was calibrated."""
 FORCE_STD_MIN_N = 0.05
+VIRTUAL_STD_M = 0.05
+"""Of the length of the line along which a vehicle's force points: the two tethers' lengths have told it already, so it
+only places the search's begin."""
 UNTOLD = 1e3
-"""Deviation of what a tether does not tell, in m or rad."""
+"""Deviation of the direction of a single tether, which no force shows [rad]."""
 NOMINAL_M = v.triangle(v.TETHER_M, v.TETHER_M).middle_m
 
 
@@ -38,6 +41,8 @@ class Track:
     """(2, n, 3) from each vehicle's winch to the middle between its anchors, its heading frame."""
     std: FloatArray | None = None
     """(n, 6) deviations that the estimator claims, attitude and position; None where it claims none."""
+    missing: int = 0
+    """Samples without a pose, for which the last one stands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +58,8 @@ class Tuning:
     pull_density: float = 3.0
     """Of the other vehicle's pull on such a pendulum [m/s^2/sqrt(s)]."""
     length_std_m: float = 0.004
+    swing_std_rad: float = 0.03
+    """Of the swing that the winch's pitch (25) does not know."""
     anchor_geometry: bool = True
     """False: anchors in the middle of the edge, and the pose of (22)-(25)."""
 
@@ -128,7 +135,7 @@ def our_track(carriers: Sequence[Carrier], noise: Noise, table: WinchTable, tuni
             directions[index, row], covs[index, row] = now.direction, now.direction_cov
     if not tuning.anchor_geometry:
         return _pose_of_two(carriers, directions, table)
-    return _pose_by_least_squares(carriers, directions, covs, tuning)
+    return _pose_by_least_squares(carriers, directions, covs, table, tuning)
 
 
 def _pose_of_two(carriers: Sequence[Carrier], directions: FloatArray, table: WinchTable) -> Track:
@@ -164,17 +171,20 @@ def winch_pitch(carriers: Sequence[Carrier], row: int, table: WinchTable) -> flo
 
 
 def _pose_by_least_squares(
-    carriers: Sequence[Carrier], directions: FloatArray, covs: FloatArray, tuning: Tuning
+    carriers: Sequence[Carrier], directions: FloatArray, covs: FloatArray, table: WinchTable, tuning: Tuning
 ) -> Track:
     """Pose that fits the lengths of all four tethers and where each vehicle's cable force really points.
 
     Four lengths leave two of six free: the swing about the line between the vehicles, with which the load pitches, and
-    the sway across the heading, with which it rolls. The forces' directions tell those.
+    the sway across the heading, with which it rolls. The forces' directions tell those, and the winch the pitch of a
+    load that does not swing.
     """
     samples = directions.shape[1]
     euler, pos, std = np.empty((samples, 3)), np.empty((samples, 3)), np.empty((samples, 6))
     middles = np.empty_like(directions)
     headings = [_heading(c) for c in carriers]
+    missing, below = 0, np.array([0.0, 0.0, NOMINAL_M + v.ANCHOR_UP_M])
+    last = np.zeros(3), np.mean([c.hook_ned_m[0] for c in carriers], axis=0) + below, np.full(6, inf)
     solver = CooperativePose()
     solver.reset(float(np.mean([c.yaw_rad[0] for c in carriers])))
     for row in range(samples):
@@ -188,22 +198,27 @@ def _pose_by_least_squares(
             under_m = shape.under(atan2(abs(directions[c, row, 1]), directions[c, row, 2]))
             length_m = hypot(shape.ahead_m - under_m, shape.height_m)
             side_m = v.SIDES[c] * v.HALF_SPAN_M
-            sights.append(TetherSight(hook, direction, cov, length_m, UNTOLD, (under_m, side_m, -v.ANCHOR_UP_M)))
+            sights.append(TetherSight(hook, direction, cov, length_m, VIRTUAL_STD_M, (under_m, side_m, -v.ANCHOR_UP_M)))
             for ahead_m, tether_m in ((0.5 * v.EDGE_M, front_m), (-0.5 * v.EDGE_M, rear_m)):
                 anchor = (ahead_m, side_m, -v.ANCHOR_UP_M)
                 sights.append(
                     TetherSight(hook, direction, UNTOLD**2 * np.eye(3), tether_m, tuning.length_std_m, anchor)
                 )
-        status, pose = solver.solve(sights)
+        known = KnownAngles(pitch_rad=winch_pitch(carriers, row, table), pitch_std_rad=tuning.swing_std_rad)
+        _, pose = solver.solve(sights, known)
         if pose is None:
-            raise StudyError(f"no pose in sample {row}: {status.name}; expected OK")
+            missing += 1
+            euler[row], pos[row], std[row] = last
+            middles[:, row] = directions[:, row]
+            continue
         euler[row] = pose.roll_rad, pose.pitch_rad, pose.yaw_rad
         pos[row], std[row] = pose.pos_ned_m, np.sqrt(np.diag(pose.cov))
+        last = euler[row], pos[row], std[row]
         for c, carrier in enumerate(carriers):
             middle = pose.pos_ned_m + pose.ned_from_frd @ np.array([0.0, v.SIDES[c] * v.HALF_SPAN_M, -v.ANCHOR_UP_M])
             line = headings[c][row].T @ (middle - carrier.hook_ned_m[row])
             middles[c, row] = line / np.linalg.norm(line)
-    return Track(euler, pos, middles, std)
+    return Track(euler, pos, middles, std, missing)
 
 
 def _heading(carrier: Carrier) -> FloatArray:

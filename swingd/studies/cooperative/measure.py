@@ -17,6 +17,9 @@ class Noise:
 
     acc_mps2: float = 0.0
     """Of each axis of the accelerometer."""
+    vibration_mps2: float = 0.0
+    """RMS of a line on each axis of the accelerometer, as rotors out of balance give it."""
+    vibration_hz: float = 22.0
     thrust_n: float = 0.0
     thrust_scale: float = 1.0
     """Thrust that the curve tells over the true one."""
@@ -58,6 +61,9 @@ def measure(flight: Flight, noise: Noise, seed: int) -> tuple[Carrier, ...]:
         thrust = noise.thrust_scale * flight.thrust_n(index) + noise.thrust_n * rng.standard_normal(n)
         pos = flight.carrier(index, CarrierLog.POS) + noise.pos_m * rng.standard_normal((n, 3))
         winch = flight.winch_m(index) + noise.winch_m * rng.standard_normal(n)
+        phase = rng.uniform(0.0, 2.0 * np.pi, 3)
+        turn = 2.0 * np.pi * noise.vibration_hz * flight.t_s[:, None] + phase
+        felt += np.sqrt(2.0) * noise.vibration_mps2 * np.sin(turn)
         heading = rotations(euler * np.array([1.0, 1.0, 0.0]))
         found.append(
             Carrier(

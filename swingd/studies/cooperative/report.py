@@ -14,6 +14,7 @@ from swingd.studies.tables import Table, markdown, number, percent, with_spread
 TITLE = "Table 3: RMSE in the experiment"
 LARGEST_TITLE = "Table 3: largest errors in the experiment"
 STEPS_TITLE = "From the paper's filter to ours, one change after the other, RMSE in the experiment"
+VIBRATION_TITLE = "RMSE in the experiment with a vibration of 2 m/s^2 RMS at 22 Hz on each axis"
 MANOEUVRES_TITLE = "RMSE in the manoeuvres without noise (4.1, 4.2)"
 HOVER_TITLE = "Hover over a full battery: largest error of the thrust"
 
@@ -74,6 +75,7 @@ def tables(mean: Figures, spread: Figures, seeds: int) -> dict[str, Table]:
         TITLE: _table3(mean, spread, seeds, "", paper.RMSE),
         LARGEST_TITLE: _table3(mean, spread, seeds, "/largest", paper.LARGEST),
         STEPS_TITLE: _steps(mean),
+        VIBRATION_TITLE: _vibration(mean),
         MANOEUVRES_TITLE: _manoeuvres(mean),
         HOVER_TITLE: _hover(mean, spread, seeds),
     }
@@ -107,6 +109,18 @@ def _steps(mean: Figures) -> Table:
     body = [
         (name, *(number(mean[f"experiment/{name}"][state], 3) for state in paper.UNITS))
         for name in ("paper", *STEPS, "ours")
+    ]
+    return ("estimator", *(f"{state} [{unit}]" for state, unit in paper.UNITS.items())), body
+
+
+def _vibration(mean: Figures) -> Table:
+    body = [
+        (name, *(number(mean[f"vibration/{variant}"][state], 3) for state in paper.UNITS))
+        for variant, name in (
+            ("paper", "paper's filter, corrected"),
+            ("unfiltered", "ours, unfiltered"),
+            ("ours", "ours"),
+        )
     ]
     return ("estimator", *(f"{state} [{unit}]" for state, unit in paper.UNITS.items())), body
 

@@ -11,7 +11,17 @@ from swingd.core.tether_angles import TetherModel
 from swingd.model.estimate import FloatArray
 from swingd.studies.cooperative import battery, paper
 from swingd.studies.cooperative.battery import HoverOverBattery
-from swingd.studies.cooperative.cases import ATTITUDE, EXPERIMENT, NOISE, POSITION, QUIET, STEPS, TUNING
+from swingd.studies.cooperative.cases import (
+    ATTITUDE,
+    EXPERIMENT,
+    NOISE,
+    POSITION,
+    QUIET,
+    STEPS,
+    TUNING,
+    UNFILTERED,
+    VIBRATION,
+)
 from swingd.studies.cooperative.estimate import Track, our_track, paper_track, winch_table
 from swingd.studies.cooperative.flight import Flight, Scenario, run
 from swingd.studies.cooperative.measure import Noise, measure
@@ -39,6 +49,8 @@ class Study:
     """Everything of one seed."""
 
     cases: Mapping[str, Case]
+    vibration: Mapping[str, Track]
+    """Of the experiment's flight with rotors out of balance: ``paper``, ``unfiltered``, ``ours``."""
     hover: HoverOverBattery
 
 
@@ -66,7 +78,14 @@ def fly_all(seed: int, watch: Callable[[float], None] = lambda _share: None) -> 
             tracks |= {name: our_track(carriers, noise, table, tuning) for name, tuning in STEPS.items()}
         cases[scenario.name] = Case(flight, tracks)
         watch(done / len(CASES))
-    return Study(cases, battery.hover(seed))
+    flight = cases[EXPERIMENT.name].flight
+    carriers, table = measure(flight, VIBRATION, seed), winch_table(flight.scenario.lean_rad)
+    vibration = {
+        "paper": paper_track(carriers, paper.EXPERIMENT, table),
+        "unfiltered": our_track(carriers, NOISE, table, UNFILTERED),
+        "ours": our_track(carriers, NOISE, table, TUNING),
+    }
+    return Study(cases, vibration, battery.hover(seed))
 
 
 def errors(flight: Flight, track: Track) -> FloatArray:
@@ -76,6 +95,11 @@ def errors(flight: Flight, track: Track) -> FloatArray:
     both = np.column_stack([turn, track.pos_ned_m - flight.load(LoadLog.POS)])
     settled: FloatArray = both[flight.t_s >= SETTLED_S]
     return settled
+
+
+def rmse(off: FloatArray) -> dict[str, float]:
+    """Return the RMSE of errors (n, 6) by state."""
+    return dict(zip(paper.UNITS, np.sqrt(np.mean(off * off, axis=0)).tolist(), strict=True))
 
 
 def judge(study: Study) -> Figures:
@@ -89,23 +113,22 @@ def judge(study: Study) -> Figures:
         deviations hold, ``attitude/printed`` for how long the printed model held, ``hover`` for the thrust's errors.
     """
     figures: Figures = {"hover": study.hover.errors_percent()}
+    flight = study.cases[EXPERIMENT.name].flight
+    for variant, track in study.vibration.items():
+        figures[f"vibration/{variant}"] = rmse(errors(flight, track))
     for name, case in study.cases.items():
         for variant, track in case.tracks.items():
             if variant == PRINTED:
                 figures[f"{name}/{PRINTED}"] = {"held_s": held_s(case.flight, track)}
                 continue
             off = errors(case.flight, track)
-            figures[f"{name}/{variant}"] = dict(
-                zip(paper.UNITS, np.sqrt(np.mean(off * off, axis=0)).tolist(), strict=True)
-            )
+            figures[f"{name}/{variant}"] = rmse(off)
             figures[f"{name}/{variant}/largest"] = dict(zip(paper.UNITS, np.abs(off).max(axis=0).tolist(), strict=True))
-        theirs = figures[f"{name}/paper"]
-        for variant in case.tracks:
-            if variant not in ("paper", PRINTED):
-                figures[f"{name}/{variant}/change_percent"] = {
-                    state: 100.0 * (value / theirs[state] - 1.0)
-                    for state, value in figures[f"{name}/{variant}"].items()
-                }
+    theirs = figures["experiment/paper"]
+    for variant in (*STEPS, "ours"):
+        figures[f"experiment/{variant}/change_percent"] = {
+            state: 100.0 * (value / theirs[state] - 1.0) for state, value in figures[f"experiment/{variant}"].items()
+        }
     return figures
 
 
@@ -139,8 +162,8 @@ def as_object(mean: Figures, spread: Figures, seeds: int) -> dict[str, Any]:
     -------
     dict
         ``table3`` by state: ``printed``, ``paper`` (its filter here), ``ours``, ``change_percent`` and the largest
-        errors, with ``*_std`` where more than one seed was; beside it ``manoeuvres``, ``steps``, ``printed_held_s``,
-        ``hover``.
+        errors, with ``*_std`` where more than one seed was; beside it ``manoeuvres``, ``vibration``, ``steps``,
+        ``printed_held_s``, ``hover``.
     """
     table: dict[str, dict[str, float]] = {}
     for state in paper.UNITS:
@@ -163,6 +186,7 @@ def as_object(mean: Figures, spread: Figures, seeds: int) -> dict[str, Any]:
             case: {variant: mean[f"{case}/{variant}"] for variant in ("paper", "ours")}
             for case in ("attitude", "position")
         },
+        "vibration": {variant: mean[f"vibration/{variant}"] for variant in ("paper", "unfiltered", "ours")},
         "steps": {name: mean[f"experiment/{name}"] for name in STEPS},
         "printed_held_s": {scenario.name: mean[f"{scenario.name}/{PRINTED}"]["held_s"] for scenario, _ in CASES},
         "hover": mean["hover"],
