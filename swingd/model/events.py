@@ -219,6 +219,25 @@ class CorrectionSwitch:
     enabled: bool
 
 
+class PathOrder(Enum):
+    """What a ground station orders in mode ``path``."""
+
+    PAUSE = "pause"
+    """Hold the load where it can stop."""
+    CONTINUE = "continue"
+    """Go on towards the next waypoint; after an abort, from the first one."""
+    ABORT = "abort"
+    """Leave the path and forget its progress."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathCommand:
+    """An order to mode ``path``."""
+
+    t_mono_s: float
+    order: PathOrder
+
+
 @dataclass(frozen=True, slots=True)
 class ParametersChange:
     """New parameters, whole."""
@@ -250,6 +269,7 @@ Event = (
     | AppSetpoint
     | UnmetSetpoint
     | CorrectionSwitch
+    | PathCommand
     | ParametersChange
     | Tick
 )
