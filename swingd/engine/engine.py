@@ -37,6 +37,7 @@ from swingd.model.events import (
     CorrectionSwitch,
     Event,
     ParametersChange,
+    PathCommand,
     Tick,
     VoltageCompensation,
 )
@@ -343,9 +344,12 @@ class Engine:
     def _serve(self, t_mono_s: float, port: int, frame: Frame, out: list[Delivery]) -> None:
         """Answer what is asked of swingd itself."""
         self._parameter_server.system_id = self._command_server.system_id = self._system_id
+        self._command_server.leads = self._parameters.mode is Mode.PATH
         answer = self._command_server.handle(t_mono_s, frame)
         if answer.switch is not None:
             self._switch(t_mono_s, answer.switch, out)
+        if answer.order is not None:
+            self._step(PathCommand(t_mono_s, answer.order), out)
         self._say(answer.messages, (port,), out)
         reply = self._parameter_server.handle(t_mono_s, frame)
         for message in reply.messages:

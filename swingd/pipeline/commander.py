@@ -23,7 +23,7 @@ from swingd.pipeline.application import REPEAT_MAX_S, ApplicationStream
 from swingd.pipeline.correction import NO_PUSH, Correction, Push, turn
 from swingd.pipeline.damping_watch import DampingWatch, Motion
 from swingd.pipeline.disturbance_feed_forward import DisturbanceFeedForward
-from swingd.pipeline.envelope import CORRECTIONS, Conditions, Fade, Part, may_leave
+from swingd.pipeline.envelope import CORRECTIONS, Conditions, Fade, Part, may_leave, withheld_by
 from swingd.pipeline.feed_forward import FeedForward
 from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S, Evidence
 from swingd.pipeline.merge import ACC_XY, POS_XY, VEL_XY, Reference, carried, is_correctable, merge, reference_of
@@ -247,7 +247,7 @@ class Commander:
     def set_state(self, state: AutopilotState) -> None:
         """Take the autopilot's arming and mode."""
         if state.mode is FlightMode.OFFBOARD and self._state is not None and self._state.mode is FlightMode.OTHER:
-            self._path.entered_offboard()
+            self._path.go_on()
         self._state = state
         if not state.armed and self._position is not None:
             self._ground_down_m = self._position.pos_ned_m[2]
@@ -429,11 +429,12 @@ class Commander:
 
     def _led(self, hold: Reference | None, conditions: Conditions) -> Reference | None:
         """What leads the load, with the heading of what holds; None where the load may not be led."""
-        acc = None
-        if self._parameters.mode is Mode.PATH and hold is not None and may_leave(Part.PATH, conditions):
-            acc = self._path.lead(self._t_mono_s)
+        if self._parameters.mode is not Mode.PATH:
+            return None
+        reasons = withheld_by(Part.PATH, conditions)
+        acc = self._path.lead(self._t_mono_s) if hold is not None and not reasons else None
         if hold is None or acc is None:
-            self._path.rest()
+            self._path.rest(reasons[0] if reasons else "")
             return None
         self._feed_forward.drop()
         self._hold.follow()
@@ -550,7 +551,7 @@ class Commander:
 
     def _stop(self) -> Setpoint:
         """No acceleration may stay with the autopilot when nothing is known any more: it is to stand."""
-        self._path.rest()
+        self._path.rest("IMU or attitude late")
         yaw_rad = self._hold.yaw_rad
         use = SetpointUse.VEL if yaw_rad is None else SetpointUse.VEL | SetpointUse.YAW
         return _setpoint(self._t_boot_s, Reference(use, yaw_rad=yaw_rad or 0.0))

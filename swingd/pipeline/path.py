@@ -168,14 +168,15 @@ class PathReference:
         else:
             self._paused = order is PathOrder.PAUSE
             if not self._paused:
-                self._aborted = self._waits = False
+                self.go_on()
             if self.leading:
                 self._lead()
         return f"path {self.state.value}"
 
-    def entered_offboard(self) -> None:
-        """Somebody has given the vehicle to swingd: an interrupted path goes on, an aborted one begins anew."""
+    def go_on(self) -> None:
+        """By order, or because OFFBOARD is entered: an interrupted path goes on, an aborted one begins anew."""
         self._aborted = self._waits = False
+        self._led_s = None
 
     # ---- the way
 
@@ -238,11 +239,11 @@ class PathReference:
         self._tell_progress()
         return north, east, self._sent_down_mps2
 
-    def rest(self) -> None:
-        """The load is not led in this step."""
+    def rest(self, reason: str = "") -> None:
+        """The load is not led in this step, for a reason in words where it is known."""
         if self.leading:
             self.leading = False
-            self._texts.append(f"path {self.state.value}: the vehicle holds")
+            self._texts.append(f"path {self.state.value}" + (f": {reason}" if reason else ""))
 
     def take_texts(self) -> list[str]:
         """Return what is to be told since the last call."""
