@@ -202,8 +202,13 @@ class Pipeline:
 
     @property
     def correcting(self) -> bool:
-        """Whether a correction is in the setpoints, one that fades included."""
+        """Whether the setpoints have a correction in them, one that fades included, or lead the load."""
         return self._commander.active
+
+    @property
+    def leading(self) -> bool:
+        """Whether the setpoints lead the load along a path."""
+        return self._commander.leading
 
     @property
     def withheld_by(self) -> tuple[str, ...]:
