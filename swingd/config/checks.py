@@ -82,7 +82,7 @@ def _disturbance(p: Parameters) -> str | None:
 
 
 def _waypoints(p: Parameters) -> str | None:
-    if p.mode is not Mode.PATH:
+    if p.mode is not Mode.PATH or p.path.source != "configuration":
         return None
     if not p.waypoints:
         return "mode path leads the load through waypoints and there are none; expected one, such as [{north_m: 20}]"
@@ -230,7 +230,7 @@ CHECKS = (
     Check(("payload.mass_kg", "vehicle.mass_kg"), _mass_ratio),
     Check(("cable.length_m", "vehicle.mass_kg", "payload.mass_kg", "estimator.rate_hz"), _cable),
     Check(("disturbance.feed_forward", "disturbance.source", "thrust.source"), _disturbance),
-    Check(("waypoints", "mode"), _waypoints),
+    Check(("waypoints", "mode", "path.source"), _waypoints),
     Check(("thrust.source", "mode"), _path_thrust),
     Check(("link.autopilot",), lambda p: _url(p.link.autopilot)),
     *(Check((LINKS[link],), partial(_endpoint, link)) for link in range(1, len(LINKS))),

@@ -239,6 +239,17 @@ class PathCommand:
 
 
 @dataclass(frozen=True, slots=True)
+class Mission:
+    """The autopilot's mission was read."""
+
+    t_mono_s: float
+    waypoints_ned_m: tuple[Vec3, ...]
+    """Places of the load; empty where it cannot be led along them."""
+    problem: str
+    """Why not; empty where it can."""
+
+
+@dataclass(frozen=True, slots=True)
 class ParametersChange:
     """New parameters, whole."""
 
@@ -270,6 +281,7 @@ Event = (
     | UnmetSetpoint
     | CorrectionSwitch
     | PathCommand
+    | Mission
     | ParametersChange
     | Tick
 )

@@ -349,6 +349,8 @@ class Hold:
     shaper: ShaperName = choice(ShaperName.NONE, "input shaper of the reference velocity: none, zv, zvd or ei")
 
 
+WAYPOINT_MAX_M = 1e4
+"""Of a waypoint along each axis."""
 LEG_MIN_M = 0.01
 """Neighbouring waypoints are at least so far apart."""
 
@@ -357,15 +359,20 @@ LEG_MIN_M = 0.01
 class Waypoint:
     """One place of the load."""
 
-    north_m: float = quantity(0.0, "m", -1e4, 1e4, "north of what path.relative_to names")
-    east_m: float = quantity(0.0, "m", -1e4, 1e4, "east of it")
-    down_m: float = quantity(0.0, "m", -1e4, 1e4, "below it; above it where negative")
+    north_m: float = quantity(0.0, "m", -WAYPOINT_MAX_M, WAYPOINT_MAX_M, "north of what path.relative_to names")
+    east_m: float = quantity(0.0, "m", -WAYPOINT_MAX_M, WAYPOINT_MAX_M, "east of it")
+    down_m: float = quantity(0.0, "m", -WAYPOINT_MAX_M, WAYPOINT_MAX_M, "below it; above it where negative")
 
 
 @dataclass(frozen=True, slots=True)
 class Path:
     """How mode ``path`` leads the load along the waypoints; symbols as in the law's paper."""
 
+    source: str = choice(
+        "configuration",
+        "where the waypoints are: configuration, or mission (the autopilot's; its altitudes are the load's)",
+        names=("configuration", "mission"),
+    )
     relative_to: str = choice(
         "start",
         "waypoints count from: start (where the load hangs when the path begins) or origin (the autopilot's local one)",

@@ -14,6 +14,7 @@ from swingd.model.events import (
     AutopilotState,
     FlightMode,
     LocalPosition,
+    Mission,
     PathOrder,
     SetpointUse,
     UnmetSetpoint,
@@ -158,6 +159,10 @@ class Commander:
     def order(self, order: PathOrder) -> str | None:
         """Take an order to mode `path`; return what is to be told, None in any other mode."""
         return self._path.order(order) if self._parameters.mode is Mode.PATH else None
+
+    def set_mission(self, mission: Mission) -> str:
+        """Take the autopilot's mission; return what is to be told."""
+        return self._path.set_mission(mission.waypoints_ned_m, mission.problem)
 
     def take_texts(self) -> list[str]:
         """Return what the path has to tell since the last call."""

@@ -115,6 +115,7 @@ class PathReference:
     """
 
     def __init__(self, parameters: Parameters) -> None:
+        self._mission: tuple[tuple[Vec3, ...], str] = ((), "the mission has not been read yet")
         self.doubt = ""
         """Why the load may not be led, as far as it depends on the path and what is known of the load."""
         self.leading = False
@@ -126,7 +127,12 @@ class PathReference:
 
     def _take(self, parameters: Parameters) -> None:
         path, vehicle = parameters.path, parameters.vehicle
-        self._path, self._waypoints = path, parameters.waypoints
+        self._path = path
+        if path.source == "configuration":
+            self._places: tuple[Vec3, ...] = tuple((w.north_m, w.east_m, w.down_m) for w in parameters.waypoints)
+            self._missing = "no waypoints"
+        else:
+            self._places, self._missing = self._mission
         self._settings = PathSettings(
             vehicle.mass_kg, parameters.payload.mass_kg, parameters.cable.length_m, path.cruise_mps, path.lead_m,
             k_p=path.k_p_per_s, k_l=path.k_l_per_s, k_0_per_mass=path.k_0_per_s, k_r=path.k_r_per_s,
@@ -135,13 +141,31 @@ class PathReference:
 
     def configure(self, parameters: Parameters) -> None:
         """Take other parameters; other waypoints begin a path anew, anything else goes on towards the next one."""
-        same_path = (self._waypoints, self._path.relative_to) == (parameters.waypoints, parameters.path.relative_to)
+        before = self._places, self._is_from_start
         self._take(parameters)
-        if not same_path:
+        if before != (self._places, self._is_from_start):
             self.restart()
         # Led anew by the next step, with the new settings.
         self.leading = False
         self._follower = None
+
+    def set_mission(self, places: tuple[Vec3, ...], problem: str) -> str:
+        """Take the autopilot's mission, and where there are no places the reason; return what is to be told.
+
+        Another mission begins a path anew.
+        """
+        changed = places != self._mission[0]
+        self._mission = places, problem
+        if self._path.source != "mission":
+            return ""
+        self._places, self._missing = self._mission
+        if changed:
+            self.restart()
+        return f"path: {problem}" if problem else f"path: {len(places)} waypoints of the mission" if changed else ""
+
+    @property
+    def _is_from_start(self) -> bool:
+        return self._path.source == "configuration" and self._path.relative_to == "start"
 
     def restart(self) -> None:
         """Begin with the first waypoint the next time."""
@@ -215,8 +239,8 @@ class PathReference:
         return float(np.linalg.norm(self._follower.term(PathTerm.E_P)))
 
     def _doubted(self, inputs: PathInputs) -> str:
-        if not self._waypoints:
-            return "no waypoints"
+        if not self._places:
+            return self._missing
         if self._aborted:
             return "aborted: it begins anew when it is continued or OFFBOARD is entered"
         if self._waits:
@@ -257,8 +281,8 @@ class PathReference:
             return
         here, vel = x[:3].copy(), x[SltsState.LOAD_VEL : SltsState.LOAD_VEL + 3]
         if self._points is None:
-            begin = here if self._path.relative_to == "start" else np.zeros(3)
-            self._points = [begin + np.array((w.north_m, w.east_m, w.down_m)) for w in self._waypoints]
+            begin = here if self._is_from_start else np.zeros(3)
+            self._points = [begin + np.array(place) for place in self._places]
             self._base = self._reached = 0
         began, self.leading = not self.leading, True
         if self._paused:
@@ -315,7 +339,7 @@ class PathReference:
     @property
     def progress(self) -> PathProgress:
         """What is told of it."""
-        count = len(self._waypoints)
+        count = len(self._places)
         remaining_m = None
         if self.leading and not self._paused and self._follower is not None:
             remaining_m = self._follower.remaining_m

@@ -35,6 +35,7 @@ from swingd.model.events import (
     Landed,
     LandedState,
     LocalPosition,
+    Mission,
     Motors,
     ParametersChange,
     PathCommand,
@@ -331,9 +332,13 @@ class Pipeline:
             case CorrectionSwitch():
                 if self._commander.switch(event.enabled):
                     return [StatusText(Severity.NOTICE, f"correction {'on' if event.enabled else 'off'}")]
+            case Mission():
+                text = self._commander.set_mission(event)
+                severity = Severity.WARNING if event.problem else Severity.NOTICE
+                return [StatusText(severity, text)] if text else []
             case PathCommand():
-                text = self._commander.order(event.order)
-                return [] if text is None else [StatusText(Severity.NOTICE, text)]
+                told = self._commander.order(event.order)
+                return [] if told is None else [StatusText(Severity.NOTICE, told)]
             case ParametersChange():
                 return self._change(event.parameters)
             case _:

@@ -19,7 +19,9 @@ from swingd.model.parameters import Mode, Parameters, Path, SimulatedKind, Waypo
 from swingd.pipeline.path import PathState
 from swingd.record.event_log import EventLogWriter
 from swingd.replay import replay
+from swingd.sim import geodesy
 from swingd.sim.autopilot import NavState
+from swingd.sim.missions import MissionItem
 
 from .flight import Flight, FloatArray, hold
 
@@ -42,6 +44,29 @@ def order(flight: Flight, command: int, param1: float) -> int:
     flight.run(0.1)
     answers = [f.message for f in ground.heard() if f.msg_id == mavlink.MAVLINK_MSG_ID_COMMAND_ACK]
     return int(next(answer.result for answer in answers if answer.command == command))
+
+
+def upload(flight: Flight, *places: tuple[float, float, float]) -> None:
+    """Upload a mission as a ground station behind an endpoint does: north, east, altitude above home."""
+    ground = flight.connect()
+    ground.send(mavlink.MAVLink_mission_count_message(1, 1, len(places), 0))
+    frame, command = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_CMD_NAV_WAYPOINT
+    for _ in range(100):
+        flight.run(0.05)
+        for heard in ground.heard():
+            if heard.msg_id == mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT and heard.target_component == 190:
+                north_m, east_m, up_m = places[heard.message.seq]
+                lat, lon, _ = geodesy.global_of((north_m, east_m, 0.0))
+                at = (round(lat * 1e7), round(lon * 1e7), up_m)
+                ground.send(
+                    mavlink.MAVLink_mission_item_int_message(
+                        1, 1, heard.message.seq, frame, command, 0, 1, 0.0, 0.0, 0.0, 0.0, *at, 0
+                    )
+                )
+            elif heard.msg_id == mavlink.MAVLINK_MSG_ID_MISSION_ACK and heard.target_component == 190:
+                assert heard.message.type == mavlink.MAV_MISSION_ACCEPTED
+                return
+    raise AssertionError("no end of the upload")
 
 
 def load_m(flight: Flight) -> FloatArray:
@@ -260,6 +285,33 @@ def test_a_load_far_from_its_path_is_not_led_until_it_is_told_to(on_the_way: Cal
     assert order(flight, PAUSE, 1.0) == mavlink.MAV_RESULT_ACCEPTED
     flight.run(1.0)
     assert led(flight)
+
+
+def test_the_load_is_led_along_the_mission_that_was_uploaded() -> None:
+    flight = Flight(path(source="mission"))
+    flight.run(2.0)
+    assert flight.engine.pipeline.path_withheld_by[-1] == "the autopilot has no mission"
+    upload(flight, (8.0, 0.0, 5.5), (8.0, 8.0, 5.5))
+    flight.run(1.0)
+    assert flight.texts[-1][1] == "path: 2 waypoints of the mission"
+    flight.take_off().run_until_healthy(5.0).enter_offboard()
+    flight.run_while(lambda: state(flight) is not PathState.ARRIVED, 30.0)
+    flight.run(5.0)
+    assert load_m(flight)[-1] == pytest.approx((8.0, 8.0, -5.5), abs=0.7)
+    told_s = [t_s for t_s, text in flight.texts if text.endswith("of the mission")]
+    assert len(told_s) <= 2, "once more at most, from where home was set at arming"
+    assert max(told_s) < led(flight)[0]
+    assert mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT in flight.sent_ids
+
+
+def test_a_mission_of_other_items_is_refused_by_name() -> None:
+    flight = Flight(path(source="mission"))
+    take_off = MissionItem(3, mavlink.MAV_CMD_NAV_TAKEOFF, 1, 1, (0.0, 0.0, 0.0, 0.0), 0, 0, 5.0)
+    flight.peer._face.missions._store(mavlink.MAV_MISSION_TYPE_MISSION, [take_off])
+    flight.run(3.0)
+    problem = "mission item 0: MAV_CMD_NAV_TAKEOFF given; expected nothing but MAV_CMD_NAV_WAYPOINT"
+    assert f"path: {problem}" in [text for _, text in flight.texts]
+    assert flight.engine.pipeline.path_withheld_by[-1] == problem
 
 
 def test_copter_holds_and_is_not_led() -> None:
