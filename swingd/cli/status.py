@@ -175,6 +175,8 @@ def _summary(told: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
         yield "correction", "on" + (f", fading: {withheld}" if withheld else ""), "green"
     else:
         yield "correction", "off" + (f": {withheld}" if withheld else ""), "yellow" if told["mode"] != "shadow" else ""
+    if told.get("path") is not None:
+        yield "path", *_path(told["path"])
     if told["disturbance"] is not None:
         yield "disturbance", *_disturbance(told["disturbance"], streams=told["mode"] != "shadow")
     if rate["joined"]:
@@ -187,6 +189,15 @@ def _summary(told: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
     if recording is not None:
         lost = f", {recording['lost']} lost: it has ended" if recording["lost"] else ""
         yield "recording", f"{recording['file']}, {recording['records']} records{lost}", "red" if lost else ""
+
+
+def _path(path: dict[str, Any]) -> tuple[str, str]:
+    """State and progress, with the style."""
+    text = f"{path['state']}, waypoint {path['waypoint']} of {path['waypoints']}"
+    if path["remaining_m"] is not None:
+        text += f", {path['remaining_m']:.1f} m left"
+    withheld = "; ".join(path["withheld_by"])
+    return text + (f"; not led: {withheld}" if withheld else ""), "yellow" if withheld else "green"
 
 
 def _disturbance(disturbance: dict[str, Any], *, streams: bool) -> tuple[str, str]:

@@ -1,6 +1,7 @@
 """What the schema cannot tell: values that do not go together, and URLs that no link understands."""
 
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -9,7 +10,7 @@ from swingd.config.schema import LIST_MAX
 from swingd.control.summary import curve_thrust_n, hover_thrust_n, swing_free
 from swingd.link.url import LOOPBACK, SerialPort, TcpIn, UdpIn, parse_url
 from swingd.model.errors import LinkUrlError
-from swingd.model.parameters import Parameters, ThrustSource
+from swingd.model.parameters import LEG_MIN_M, Mode, Parameters, ThrustSource
 
 HOVER_THROTTLE_MAX = 0.95
 """Above, nothing is left to climb, to brake or to correct with."""
@@ -78,6 +79,28 @@ def _disturbance(p: Parameters) -> str | None:
             "disturbance to be seen; expected motors, throttle or auto"
         )
     return None
+
+
+def _waypoints(p: Parameters) -> str | None:
+    if p.mode is not Mode.PATH or p.path.source != "configuration":
+        return None
+    if not p.waypoints:
+        return "mode path leads the load through waypoints and there are none; expected one, such as [{north_m: 20}]"
+    places = [(w.north_m, w.east_m, w.down_m) for w in p.waypoints]
+    for number, (before, place) in enumerate(itertools.pairwise(places), 2):
+        apart_m = math.dist(before, place)
+        if apart_m < LEG_MIN_M:
+            return f"waypoint {number} is {apart_m:.3g} m from the one before; expected at least {LEG_MIN_M:g} m"
+    return None
+
+
+def _path_thrust(p: Parameters) -> str | None:
+    if p.mode is not Mode.PATH or p.thrust.source is not ThrustSource.REMARK_1:
+        return None
+    return (
+        "thrust.source remark_1 takes the thrust from the load's weight, which leaves no disturbance to be seen; mode "
+        "path expects motors, throttle or auto"
+    )
 
 
 def _hover(p: Parameters) -> str | None:
@@ -207,6 +230,8 @@ CHECKS = (
     Check(("payload.mass_kg", "vehicle.mass_kg"), _mass_ratio),
     Check(("cable.length_m", "vehicle.mass_kg", "payload.mass_kg", "estimator.rate_hz"), _cable),
     Check(("disturbance.feed_forward", "disturbance.source", "thrust.source"), _disturbance),
+    Check(("waypoints", "mode", "path.source"), _waypoints),
+    Check(("thrust.source", "mode"), _path_thrust),
     Check(("link.autopilot",), lambda p: _url(p.link.autopilot)),
     *(Check((LINKS[link],), partial(_endpoint, link)) for link in range(1, len(LINKS))),
     *(

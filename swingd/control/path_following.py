@@ -14,12 +14,12 @@ from swingd.core.status import Status
 from swingd.model.errors import ConfigurationError
 from swingd.model.estimate import FloatArray
 from swingd.model.events import Vec3
+from swingd.model.parameters import LEG_MIN_M
 
 __all__ = ["PathFollower", "PathSettings", "PathTerm"]
 
 POSITION_MAX_M = 1e5
 """Of a waypoint from the origin, along every axis."""
-LEG_MIN_M = 0.01
 INTERVAL_MAX_S = 1.0
 
 
@@ -96,12 +96,19 @@ class PathFollower:
         self._terms = np.zeros(PathTerm.SIZE)
         self._begun = False
 
-    def begin(self, x: FloatArray) -> Status:
-        """Start on the first leg with an estimate (10,), no disturbance known; see `update` for the answers."""
+    def begin(self, x: FloatArray, known: "PathFollower | None" = None) -> Status:
+        """Start on the first leg with an estimate (10,); see `update` for the answers.
+
+        The disturbances are those that ``known`` has estimated by now, on another path; without it none is known.
+        """
         if not _finite(x, SltsState.REL_VEL + 2):
             return Status.INPUT_INVALID
         status = Status(kernels.begin(self._state, np.ascontiguousarray(x, dtype=float), self._waypoints, self._p))
         self._begun = status is Status.OK
+        if self._begun and known is not None:
+            self._state[PathState.F : PathState.IMPULSE] = known._state[PathState.F : PathState.IMPULSE]
+            # (8): d_T is lambda_T times what is missing from the integral.
+            self._state[PathState.IMPULSE : PathState.IMPULSE + 3] -= known.term(PathTerm.D_T) / self._settings.lambda_t
         self._terms[:] = 0.0
         return status
 

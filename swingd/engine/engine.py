@@ -16,6 +16,7 @@ from swingd.engine.preflight import READ_IDS, Preflight
 from swingd.link.adapter import AutopilotAdapter
 from swingd.link.codec import ADDRESSED_IDS, Encoder, Frame
 from swingd.link.command_server import CommandServer, RcSwitch
+from swingd.link.mission_reader import MISSION_IDS, MissionReader
 from swingd.link.parameter_server import ParameterServer
 from swingd.link.preflight.advice import AdviceSeverity
 from swingd.link.router import AUTOPILOT, Router, endpoint_of
@@ -34,9 +35,11 @@ from swingd.model.actions import (
 from swingd.model.events import (
     AppSetpoint,
     AutopilotRestart,
+    AutopilotState,
     CorrectionSwitch,
     Event,
     ParametersChange,
+    PathCommand,
     Tick,
     VoltageCompensation,
 )
@@ -63,6 +66,8 @@ _NAMESAKE_EVERY_S = 30.0
 _CHANGE_EVERY_S = 0.2
 """Between two changes of the pipeline's parameters: gains are designed anew for milliseconds each time, and whoever
 sets values without end must not hold up what passes."""
+_HOME_SET_S = 3.0
+"""After arming home has been set, and has come."""
 _COMPONENT_AT = 6
 """Of a MAVLink 2 frame, as all of swingd's own are."""
 
@@ -147,6 +152,8 @@ class Engine:
         self._rc_switch = RcSwitch(link.rc_channel)
         self._texts = StatusTextLimiter()
         self._preflight = Preflight()
+        self._mission = MissionReader(link.component_id)
+        self._armed = False
         self._changed_s = -math.inf
         self._change_waits = False
         self._compensated: bool | None = None
@@ -253,7 +260,16 @@ class Engine:
         self._say(self._parameter_server.tick(), self.router.ports, out)
         self._say(self.adapter.tick(t_mono_s), (AUTOPILOT,), out)
         self._check_autopilot(t_mono_s, out)
+        if self._reads_mission and self._pipeline is not None:
+            self._say(self._mission.tick(t_mono_s, self.adapter.autopilot), (AUTOPILOT,), out)
+            mission = self._mission.read(t_mono_s, self.adapter.view)
+            if mission is not None:
+                self._step(mission, out)
         return self._sent(t_mono_s, out)
+
+    @property
+    def _reads_mission(self) -> bool:
+        return self._parameters.mode is Mode.PATH and self._parameters.path.source == "mission"
 
     def tell(self, t_mono_s: float, message: Any) -> list[Delivery]:
         """Send a message of the host's, such as the state of its computer, to everybody; pymavlink's object."""
@@ -309,10 +325,20 @@ class Engine:
         for event in self.adapter.take(t_mono_s, frames):
             if isinstance(event, AutopilotRestart):
                 self._preflight.restart()
+                self._mission.want()
+            elif isinstance(event, AutopilotState):
+                if event.armed and not self._armed:
+                    # Whatever link it was uploaded through, and from where home then is.
+                    self._mission.want(t_mono_s + _HOME_SET_S)
+                self._armed = event.armed
             self._step(event, out)
         for frame in frames:
             if frame.msg_id in READ_IDS and self._is_autopilot(frame):
                 self._preflight.take(frame)
+            elif frame.msg_id in MISSION_IDS and self._reads_mission and self._is_autopilot(frame):
+                autopilot = self.adapter.autopilot
+                assert autopilot is not None
+                self._say(self._mission.take(t_mono_s, autopilot, frame), (AUTOPILOT,), out)
             elif frame.msg_id == mavlink.MAVLINK_MSG_ID_RC_CHANNELS and self._is_autopilot(frame):
                 enabled = self._rc_switch.handle(frame)
                 if enabled is not None:
@@ -343,9 +369,12 @@ class Engine:
     def _serve(self, t_mono_s: float, port: int, frame: Frame, out: list[Delivery]) -> None:
         """Answer what is asked of swingd itself."""
         self._parameter_server.system_id = self._command_server.system_id = self._system_id
+        self._command_server.leads = self._parameters.mode is Mode.PATH
         answer = self._command_server.handle(t_mono_s, frame)
         if answer.switch is not None:
             self._switch(t_mono_s, answer.switch, out)
+        if answer.order is not None:
+            self._step(PathCommand(t_mono_s, answer.order), out)
         self._say(answer.messages, (port,), out)
         reply = self._parameter_server.handle(t_mono_s, frame)
         for message in reply.messages:

@@ -1,7 +1,8 @@
-"""What turns the correction on and off: commands addressed to swingd, and a switch on the remote control; no I/O."""
+"""Commands addressed to swingd, and the remote control's switch: the correction on and off, a path's orders; no I/O."""
 
 import math
 from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,9 +10,15 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.codec import Frame
 from swingd.link.status_text import RefusalLimiter
+from swingd.model.events import PathOrder
 
 SWITCH_COMMAND = mavlink.MAV_CMD_USER_1
 """Switches the correction: ``param1`` 1 on, 0 off."""
+PATH_COMMANDS = {
+    mavlink.MAV_CMD_DO_PAUSE_CONTINUE: {0.0: PathOrder.PAUSE, 1.0: PathOrder.CONTINUE},
+    mavlink.MAV_CMD_USER_2: {0.0: PathOrder.ABORT},
+}
+"""Orders to mode `path`, by command and ``param1``."""
 RETRY_WITHIN_S = 10.0
 """An attempt with a confirmation count repeats a command of this age at most."""
 RC_ON_ABOVE_US = 1600
@@ -29,11 +36,24 @@ class CommandReply:
     """pymavlink's messages to send to the system and component that they name."""
     switch: bool | None = None
     """The correction is to be on or off; None if nothing is said about it."""
+    order: PathOrder | None = None
+    """What a path is to do; None if nothing is said about it."""
     refusal: str | None = None
     """Why a command was denied, for pilot and log; rate-limited."""
 
 
 _NOTHING = CommandReply()
+_MEANINGS: dict[int, Mapping[float, bool | PathOrder]] = {SWITCH_COMMAND: {1.0: True, 0.0: False}, **PATH_COMMANDS}
+_NAMES = {
+    SWITCH_COMMAND: "MAV_CMD_USER_1",
+    mavlink.MAV_CMD_DO_PAUSE_CONTINUE: "MAV_CMD_DO_PAUSE_CONTINUE",
+    mavlink.MAV_CMD_USER_2: "MAV_CMD_USER_2",
+}
+_EXPECTED = {
+    SWITCH_COMMAND: "1 (correction on) or 0 (off)",
+    mavlink.MAV_CMD_DO_PAUSE_CONTINUE: "0 (pause) or 1 (continue)",
+    mavlink.MAV_CMD_USER_2: "0 (abort the path)",
+}
 
 
 class CommandServer:
@@ -47,8 +67,9 @@ class CommandServer:
     Notes
     -----
     Only what names this system and component is looked at: a command to everybody is the autopilot's. All but
-    `SWITCH_COMMAND` is answered by UNSUPPORTED, requests for messages included: ground stations ask every component
-    whether it manages a gimbal, until it answers; applications take anybody's AUTOPILOT_VERSION for the autopilot's.
+    `SWITCH_COMMAND` and `PATH_COMMANDS` is answered by UNSUPPORTED, requests for messages included: ground stations
+    ask every component whether it manages a gimbal, until it answers; applications take anybody's AUTOPILOT_VERSION
+    for the autopilot's.
 
     An attempt with a confirmation count that repeats a command already carried out is only acknowledged again, so that
     it does not undo what somebody else has switched since. What arrives can never raise.
@@ -58,7 +79,9 @@ class CommandServer:
         self.system_id = system_id
         self.component_id = component_id
         self._refusals = RefusalLimiter()
-        self._done: OrderedDict[tuple[int, int], tuple[float, bool]] = OrderedDict()
+        self.leads = False
+        """Whether mode `path` is on, so that there is something to pause; to be kept up to date by the caller."""
+        self._done: OrderedDict[tuple[int, int, int], tuple[float, bool | PathOrder]] = OrderedDict()
 
     def handle(self, t_mono_s: float, frame: Frame) -> CommandReply:
         """Take one frame, whatever it is and whoever sent it; never raises.
@@ -75,26 +98,30 @@ class CommandServer:
         if frame.target_system != self.system_id or frame.target_component != self.component_id:
             return _NOTHING
         message = frame.message
-        if message.command != SWITCH_COMMAND:
+        meanings = _MEANINGS.get(message.command)
+        if meanings is None:
             return CommandReply((_ack(frame, message, mavlink.MAV_RESULT_UNSUPPORTED),))
-        if message.param1 not in (0.0, 1.0):
-            text = f"MAV_CMD_USER_1: param1 {message.param1:g} given; expected 1 (correction on) or 0 (off)"
-            return CommandReply(
-                (_ack(frame, message, mavlink.MAV_RESULT_DENIED),), refusal=self._refusals.offer(t_mono_s, text)
-            )
-        enabled = message.param1 == 1.0
-        sender = (frame.system_id, frame.component_id)
+        meaning = meanings.get(message.param1)
+        text = None
+        if meaning is None:
+            text = f"{_NAMES[message.command]}: param1 {message.param1:g} given; expected {_EXPECTED[message.command]}"
+        elif isinstance(meaning, PathOrder) and not self.leads:
+            text = f"{_NAMES[message.command]}: mode path is not on; expected it, or the autopilot as the target"
+        if meaning is None or text is not None:
+            denied = _ack(frame, message, mavlink.MAV_RESULT_DENIED)
+            return CommandReply((denied,), refusal=self._refusals.offer(t_mono_s, text or ""))
+        accepted = (_ack(frame, message, mavlink.MAV_RESULT_ACCEPTED),)
+        sender = (frame.system_id, frame.component_id, message.command)
         done_s, done = self._done.get(sender, (-math.inf, None))
-        is_retry = getattr(message, "confirmation", 0) > 0 and done is enabled and t_mono_s - done_s < RETRY_WITHIN_S
-        if not is_retry:
-            self._done[sender] = (t_mono_s, enabled)
-            self._done.move_to_end(sender)
-            if len(self._done) > _SENDERS_KEPT:
-                self._done.popitem(last=False)
-        return CommandReply(
-            (_ack(frame, message, mavlink.MAV_RESULT_ACCEPTED),),
-            switch=None if is_retry else enabled,
-        )
+        if getattr(message, "confirmation", 0) > 0 and done is meaning and t_mono_s - done_s < RETRY_WITHIN_S:
+            return CommandReply(accepted)
+        self._done[sender] = (t_mono_s, meaning)
+        self._done.move_to_end(sender)
+        if len(self._done) > _SENDERS_KEPT:
+            self._done.popitem(last=False)
+        if isinstance(meaning, PathOrder):
+            return CommandReply(accepted, order=meaning)
+        return CommandReply(accepted, switch=meaning)
 
 
 def _ack(frame: Frame, message: Any, result: int) -> Any:

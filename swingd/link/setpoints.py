@@ -324,7 +324,7 @@ def _px4_global(message: Any, view: VehicleView, t_mono_s: float) -> _Values | U
             down_m = home.alt_amsl_mm * 1e-3 - message.alt - origin_alt_m
         if not use & _POS_D:
             down_m = 0.0
-        pos = (*_azimuthal_equidistant(origin, message.lat_int, message.lon_int), down_m)
+        pos = (*azimuthal_equidistant(origin, message.lat_int, message.lon_int), down_m)
     vel = used((message.vx, message.vy, message.vz), use >> 3)
     acc = used((message.afx, message.afy, message.afz), use >> 6)
     return _px4_force(message, use) or (use, pos, vel, acc, *_yaws(message, use))
@@ -350,7 +350,7 @@ def _px4_force(message: Any, use: int) -> Unmet | None:
     return Unmet.REJECTED if refused else None
 
 
-def _azimuthal_equidistant(origin: GeodeticPoint, lat_1e7_deg: int, lon_1e7_deg: int) -> tuple[float, float]:
+def azimuthal_equidistant(origin: GeodeticPoint, lat_1e7_deg: int, lon_1e7_deg: int) -> tuple[float, float]:
     """North and east [m] of a point, as PX4 projects it."""
     lat0, lat = math.radians(origin.lat_1e7_deg * 1e-7), math.radians(lat_1e7_deg * 1e-7)
     d_lon = math.radians(lon_1e7_deg * 1e-7) - math.radians(origin.lon_1e7_deg * 1e-7)

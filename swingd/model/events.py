@@ -219,6 +219,36 @@ class CorrectionSwitch:
     enabled: bool
 
 
+class PathOrder(Enum):
+    """What a ground station orders in mode ``path``."""
+
+    PAUSE = "pause"
+    """Hold the load where it can stop."""
+    CONTINUE = "continue"
+    """Go on towards the next waypoint; after an abort, from the first one."""
+    ABORT = "abort"
+    """Leave the path and forget its progress."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathCommand:
+    """An order to mode ``path``."""
+
+    t_mono_s: float
+    order: PathOrder
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """The autopilot's mission was read."""
+
+    t_mono_s: float
+    waypoints_ned_m: tuple[Vec3, ...]
+    """Places of the load; empty where it cannot be led along them."""
+    problem: str
+    """Why not; empty where it can."""
+
+
 @dataclass(frozen=True, slots=True)
 class ParametersChange:
     """New parameters, whole."""
@@ -250,6 +280,8 @@ Event = (
     | AppSetpoint
     | UnmetSetpoint
     | CorrectionSwitch
+    | PathCommand
+    | Mission
     | ParametersChange
     | Tick
 )

@@ -18,6 +18,8 @@ class Mode(Enum):
     """Stream its own reference velocity with the correction in it."""
     INLINE = "inline"
     """Meet the setpoints of an application with the correction on their way to the autopilot."""
+    PATH = "path"
+    """Lead the load along waypoints."""
 
 
 class Integrator(Enum):
@@ -348,6 +350,47 @@ class Hold:
     shaper: ShaperName = choice(ShaperName.NONE, "input shaper of the reference velocity: none, zv, zvd or ei")
 
 
+WAYPOINT_MAX_M = 1e4
+"""Of a waypoint along each axis."""
+LEG_MIN_M = 0.01
+"""Neighbouring waypoints are at least so far apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoint:
+    """One place of the load."""
+
+    north_m: float = quantity(0.0, "m", -WAYPOINT_MAX_M, WAYPOINT_MAX_M, "north of what path.relative_to names")
+    east_m: float = quantity(0.0, "m", -WAYPOINT_MAX_M, WAYPOINT_MAX_M, "east of it")
+    down_m: float = quantity(0.0, "m", -WAYPOINT_MAX_M, WAYPOINT_MAX_M, "below it; above it where negative")
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """How mode ``path`` leads the load along the waypoints; symbols as in the law's paper."""
+
+    source: str = choice(
+        "configuration",
+        "where the waypoints are: configuration, or mission (the autopilot's; its altitudes are the load's)",
+        names=("configuration", "mission"),
+    )
+    relative_to: str = choice(
+        "start",
+        "waypoints count from: start (where the load hangs when the path begins) or origin (the autopilot's local one)",
+        names=("start", "origin"),
+    )
+    cruise_mps: float = quantity(2.0, "m/s", 0.1, 20.0, "speed of the load along the path", mavlink="SWG_PATH_SPEED")
+    lead_m: float = quantity(1.25, "m", 0.05, 50.0, "a leg gives way to the next where less than this is left of it")
+    error_max_m: float = quantity(
+        5.0, "m", 0.5, 100.0, "a load that is farther from the path than this is not led any more"
+    )
+    tilt_max_rad: float = quantity(0.61, "rad", 0.05, 1.0, "largest tilt that is asked for")
+    k_p_per_s: float = quantity(0.7, "1/s", 0.0, 10.0, "k_p: speed towards the path over the distance from it")
+    k_l_per_s: float = quantity(1.5, "1/s", 0.0, 10.0, "k_L: how fast the cable is to return to its equilibrium")
+    k_0_per_s: float = quantity(1.0, "1/s", 0.0, 10.0, "K_0 over the mass: acceleration over the error of the velocity")
+    k_r_per_s: float = quantity(1.0, "1/s", 0.0, 10.0, "k_r: how far the load gives way to its own swing")
+
+
 @dataclass(frozen=True, slots=True)
 class Link:
     """The side of the autopilot."""
@@ -446,7 +489,7 @@ class Parameters:
     mode: Mode = choice(
         Mode.SHADOW,
         "shadow: estimate and publish only; hold: stream a reference velocity, corrected; "
-        "inline: correct the setpoints of the application behind an endpoint",
+        "inline: correct the setpoints of the application behind an endpoint; path: lead the load along waypoints",
     )
     vehicle: Vehicle = field(default_factory=Vehicle)
     payload: Payload = field(default_factory=Payload)
@@ -457,7 +500,9 @@ class Parameters:
     autopilot: Autopilot = field(default_factory=Autopilot)
     control: Control = field(default_factory=Control)
     hold: Hold = field(default_factory=Hold)
+    path: Path = field(default_factory=Path)
     shaping: Shaping = field(default_factory=Shaping)
     link: Link = field(default_factory=Link)
     endpoints: tuple[Endpoint, ...] = choice((), "what applications and ground stations connect to")
+    waypoints: tuple[Waypoint, ...] = choice((), "places of the load that mode path leads it through, in order")
     simulation: Simulation = field(default_factory=Simulation)

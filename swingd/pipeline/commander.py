@@ -7,16 +7,28 @@ from swingd.control import make_law
 from swingd.control.base import Vec2
 from swingd.model.actions import Action, Health, PassSetpoint, Setpoint, Severity, StatusText
 from swingd.model.disturbance import DisturbanceEstimate
-from swingd.model.events import AppSetpoint, AutopilotKind, AutopilotState, FlightMode, LocalPosition, UnmetSetpoint
-from swingd.model.parameters import Mode, Parameters
+from swingd.model.estimate import FloatArray
+from swingd.model.events import (
+    AppSetpoint,
+    AutopilotKind,
+    AutopilotState,
+    FlightMode,
+    LocalPosition,
+    Mission,
+    PathOrder,
+    SetpointUse,
+    UnmetSetpoint,
+)
+from swingd.model.parameters import Hold, Mode, Parameters
 from swingd.pipeline.application import REPEAT_MAX_S, ApplicationStream
 from swingd.pipeline.correction import NO_PUSH, Correction, Push, turn
 from swingd.pipeline.damping_watch import DampingWatch, Motion
 from swingd.pipeline.disturbance_feed_forward import DisturbanceFeedForward
-from swingd.pipeline.envelope import Conditions, Fade, Part, may_leave
+from swingd.pipeline.envelope import CORRECTIONS, Conditions, Fade, Part, may_leave, withheld_by
 from swingd.pipeline.feed_forward import FeedForward
 from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S, Evidence
 from swingd.pipeline.merge import ACC_XY, POS_XY, VEL_XY, Reference, carried, is_correctable, merge, reference_of
+from swingd.pipeline.path import POSITION_LATE_S, PathInputs, PathProgress, PathReference, load_motion
 from swingd.pipeline.payload_state import PayloadState
 from swingd.pipeline.reference import POSITION_AGE_MAX_S, HoldReference
 
@@ -56,14 +68,17 @@ class Situation:
     """Vertical part of the thrust, up [N]."""
     disturbance: DisturbanceEstimate | None
     """None where none is estimated."""
+    path: PathInputs | None = None
+    """None where no load is to be led."""
 
 
 class Commander:
-    """Reference, law, correction and envelope, for both modes that send setpoints.
+    """Reference, law, correction and envelope, for the modes that send setpoints.
 
-    In mode `hold` the stream of setpoints is swingd's own. In mode `inline` it is an application's: while a correction
-    may leave, each of its setpoints is consumed and sent on at the filter's rate with the correction in it; at any
-    other time it passes as it came.
+    In mode `hold` the stream of setpoints is swingd's own. So it is in mode `path`, which leads the load by
+    accelerations while it may, and else holds with a reference velocity of zero as mode `hold` does. In mode `inline`
+    it is an application's: while a correction may leave, each of its setpoints is consumed and sent on at the filter's
+    rate with the correction in it; at any other time it passes as it came.
 
     Parameters
     ----------
@@ -75,12 +90,13 @@ class Commander:
         self._enabled = parameters.control.enabled
         self._parameters = parameters
         self._law = make_law(parameters)
-        self._hold = HoldReference(parameters.hold)
+        self._hold = HoldReference(_hold_of(parameters))
+        self._path = PathReference(parameters)
         self._application = ApplicationStream()
         self._feed_forward = FeedForward(parameters)
         self._correction = Correction(parameters.control)
         self._disturbance = DisturbanceFeedForward(parameters)
-        self._fades = {part: Fade(parameters.control) for part in Part}
+        self._fades = {part: Fade(parameters.control) for part in CORRECTIONS}
         self._watch = DampingWatch(parameters)
         self._ground_down_m = 0.0
         self._t_mono_s = -math.inf
@@ -109,9 +125,11 @@ class Commander:
         self._enabled = parameters.control.enabled
         if parameters.mode is not self._parameters.mode:
             self.drop()
+            self._path.restart()
         self._parameters = parameters
         self._law = make_law(parameters)
-        self._hold.configure(parameters.hold)
+        self._hold.configure(_hold_of(parameters))
+        self._path.configure(parameters)
         self._feed_forward.configure(parameters)
         self._correction.configure(parameters.control)
         self._disturbance.configure(parameters)
@@ -121,8 +139,8 @@ class Commander:
 
     @property
     def active(self) -> bool:
-        """Whether a correction is in the setpoints, of the swing or the disturbance."""
-        return self._fade > 0.0
+        """Whether the setpoints lead the load, or have a correction in them, of the swing or the disturbance."""
+        return self._fade > 0.0 or self._path.leading
 
     @property
     def damps(self) -> bool:
@@ -133,6 +151,28 @@ class Commander:
     def _fade(self) -> float:
         """Of the part that is given most of."""
         return max(fade.value for fade in self._fades.values())
+
+    @property
+    def leading(self) -> bool:
+        """Whether the setpoints lead the load along a path."""
+        return self._path.leading
+
+    @property
+    def path(self) -> PathProgress:
+        """How far the path of mode `path` has come."""
+        return self._path.progress
+
+    def order(self, order: PathOrder) -> str | None:
+        """Take an order to mode `path`; return what is to be told, None in any other mode."""
+        return self._path.order(order) if self._parameters.mode is Mode.PATH else None
+
+    def set_mission(self, mission: Mission) -> str:
+        """Take the autopilot's mission; return what is to be told."""
+        return self._path.set_mission(mission.waypoints_ned_m, mission.problem)
+
+    def take_texts(self) -> list[str]:
+        """Return what the path has to tell since the last call."""
+        return self._path.take_texts()
 
     @property
     def law_acts(self) -> bool:
@@ -179,17 +219,21 @@ class Commander:
             consistent=evidence.consistent,
             link=evidence.link and evidence.heartbeat,
             recovered=health in (Health.READY, Health.ACTIVE),
-            sound=health is not Health.FAULT,
-            disturbance=self._disturbance_doubt(evidence, disturbance),
+            disturbance=self._disturbance_doubt(evidence, health, disturbance),
+            led=self._path.leading,
+            # An acceleration would stay with Copter for GUID_TIMEOUT when swingd ends, and its jerk is limited.
+            path=self._path.doubt if self._kind is AutopilotKind.PX4 else "only PX4 can be led along a path",
         )
 
-    def _disturbance_doubt(self, evidence: Evidence, disturbance: DisturbanceEstimate | None) -> str:
+    def _disturbance_doubt(self, evidence: Evidence, health: Health, disturbance: DisturbanceEstimate | None) -> str:
         """Why a disturbance may not be leaned against besides what holds for every part; empty where it may."""
         if not self._parameters.disturbance.feed_forward:
             return "feed-forward switched off"
         if self._kind is not AutopilotKind.PX4:
             # Copter takes an acceleration for the derivative of its target: a steady one would move the target away.
             return "only PX4 leans by an acceleration"
+        if health is Health.FAULT:
+            return "health is fault"
         if evidence.payload is PayloadState.ON_GROUND:
             return "on ground"
         return "no disturbance is estimated" if disturbance is None else disturbance.doubt
@@ -223,12 +267,15 @@ class Commander:
         """Positions mean nothing any more."""
         self._position = None
         self._hold.restarted()
+        self._path.restart()
         self._application.end()
         self._unsent = None
         self.drop()
 
     def set_state(self, state: AutopilotState) -> None:
         """Take the autopilot's arming and mode."""
+        if state.mode is FlightMode.OFFBOARD and self._state is not None and self._state.mode is FlightMode.OTHER:
+            self._path.go_on()
         self._state = state
         if not state.armed and self._position is not None:
             self._ground_down_m = self._position.pos_ned_m[2]
@@ -247,6 +294,7 @@ class Commander:
         """The vehicle stands or is disarmed: nothing is commanded."""
         self._streaming = False
         self.drop()
+        self._path.restart()
 
     def drop(self) -> None:
         """Nothing follows the setpoints any more, or nobody asks: begin from zero the next time."""
@@ -257,6 +305,7 @@ class Commander:
         self._disturbance.cut()
         self._correction.reset()
         self._watch.rest()
+        self._path.rest()
         self.push = NO_PUSH
         self.feed_forward_mps2 = (0.0, 0.0)
 
@@ -294,13 +343,13 @@ class Commander:
         self._give_way()
 
     def _give_way(self) -> list[Action]:
-        """In mode `hold`: an application commands by itself, and two must not talk at a time."""
+        """In modes `hold` and `path`: an application commands by itself, and two must not talk at a time."""
         self._talked_s = self._t_mono_s
-        if self._parameters.mode is not Mode.HOLD or not self._may_tell():
+        mode = self._parameters.mode
+        if mode not in (Mode.HOLD, Mode.PATH) or not self._may_tell():
             return []
-        return [
-            StatusText(Severity.WARNING, "an application sends setpoints: mode hold is silent; inline corrects them")
-        ]
+        text = f"an application sends setpoints: mode {mode.value} is silent; inline corrects them"
+        return [StatusText(Severity.WARNING, text)]
 
     def _take_reference(self, setpoint: AppSetpoint) -> list[Action]:
         if self._parameters.mode is not Mode.HOLD or self._hold.set(setpoint) or not self._may_tell():
@@ -365,10 +414,12 @@ class Commander:
             self._steady_since_s = self._t_mono_s
         self._stepped_s = self._t_mono_s
         mode = self._parameters.mode
-        if mode is Mode.HOLD and now.taking_off and self._kind is AutopilotKind.ARDUPILOT:
+        if mode in (Mode.HOLD, Mode.PATH) and now.taking_off and self._kind is AutopilotKind.ARDUPILOT:
             # Copter takes off in GUIDED, and the first setpoint would end that wherever the vehicle is.
             self.drop()
             return None
+        if now.path is not None:
+            self._path.observe(self._t_mono_s, self._load_motion(now, now.path), now.path, now.dt_s)
         conditions = self.conditions(now.evidence, now.health, now.disturbance, gap=now.gap)
         allowed = may_leave(Part.SWING, conditions)
         against_disturbance = may_leave(Part.DISTURBANCE, conditions)
@@ -389,7 +440,10 @@ class Commander:
             self._fades[Part.DISTURBANCE].cut()
             against_disturbance = False
         lean = self._lean(now, self._fades[Part.DISTURBANCE].update(against_disturbance, now.dt_s))
-        if reference is not None:
+        led = self._led(reference, conditions)
+        if led is not None:
+            reference = led
+        elif reference is not None:
             reference = self._shaped(reference, fade, now.dt_s)
         elif mode is Mode.INLINE:
             return None
@@ -405,6 +459,31 @@ class Commander:
             return None
         self.feed_forward_mps2 = lean
         return _setpoint(now.t_boot_s, merge(reference, self.push.leaning(lean), self._kind))
+
+    def _led(self, hold: Reference | None, conditions: Conditions) -> Reference | None:
+        """What leads the load, with the heading of what holds; None where the load may not be led."""
+        if self._parameters.mode is not Mode.PATH:
+            return None
+        reasons = withheld_by(Part.PATH, conditions)
+        acc = self._path.lead(self._t_mono_s) if hold is not None and not reasons else None
+        if hold is None or acc is None:
+            self._path.rest(reasons[0] if reasons else "")
+            return None
+        self._feed_forward.drop()
+        self._hold.follow()
+        return Reference(SetpointUse.ACC | SetpointUse.YAW, acc_ned_mps2=acc, yaw_rad=hold.yaw_rad)
+
+    def _load_motion(self, now: Situation, inputs: PathInputs) -> FloatArray | None:
+        """The load's state, see `load_motion`; None where the vehicle's position is late."""
+        position = self._position
+        if position is None:
+            return None
+        age_s = now.t_boot_s - position.t_boot_s
+        if abs(age_s) > POSITION_LATE_S:
+            return None
+        to_ned_rad = now.yaw_rad - now.level_yaw_rad
+        direction, rate = turn(now.direction, to_ned_rad), turn(now.direction_rate_per_s, to_ned_rad)
+        return load_motion(position, age_s, direction, rate, inputs, self._parameters.cable.length_m)
 
     def _lean(self, now: Situation, fade: float) -> Vec2:
         """Follow the disturbance; return the acceleration against it, north and east."""
@@ -486,7 +565,8 @@ class Commander:
         elif not self._armed or self._t_mono_s - self._streamed_s > STREAM_LOST_S:
             # Where the stream was interrupted for so long, the autopilot's failsafe has acted: it begins anew at READY.
             self._streaming = False
-        if not self._streaming or now.health is Health.FAULT or self._parameters.mode is not Mode.HOLD:
+        mode = self._parameters.mode
+        if not self._streaming or now.health is Health.FAULT or mode not in (Mode.HOLD, Mode.PATH):
             return None
         if not self._asked():
             return None
@@ -496,10 +576,23 @@ class Commander:
     def tick(self, health: Health) -> Setpoint | None:
         """Notice what does not happen any more."""
         late = self._t_mono_s - self._stepped_s > LATE_S
+        stop = self._stop() if late and self._path.leading else None
         if health is Health.FAULT or (self._meeting and late):
             # No setpoint of swingd's leaves any more: there is nothing to fade.
             self.drop()
-        return None if self._meeting else self._owed()
+        return stop if stop is not None or self._meeting else self._owed()
+
+    def _stop(self) -> Setpoint:
+        """No acceleration may stay with the autopilot when nothing is known any more: it is to stand."""
+        self._path.rest("IMU or attitude late")
+        yaw_rad = self._hold.yaw_rad
+        use = SetpointUse.VEL if yaw_rad is None else SetpointUse.VEL | SetpointUse.YAW
+        return _setpoint(self._t_boot_s, Reference(use, yaw_rad=yaw_rad or 0.0))
+
+
+def _hold_of(parameters: Parameters) -> Hold:
+    """The reference that holds: mode `path` stands where it does not lead."""
+    return Hold() if parameters.mode is Mode.PATH else parameters.hold
 
 
 def _setpoint(t_boot_s: float, reference: Reference) -> Setpoint:

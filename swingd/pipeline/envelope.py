@@ -13,10 +13,15 @@ HARMFUL_OUT_S = 0.2
 
 
 class Part(Enum):
-    """What may be added to a setpoint; each part is decided on by itself."""
+    """What may be set or added to a setpoint; each part is decided on by itself."""
 
     SWING = "correction of the swing"
     DISTURBANCE = "feed-forward of the disturbance"
+    PATH = "path of the load"
+
+
+CORRECTIONS = (Part.SWING, Part.DISTURBANCE)
+"""What is added to a setpoint, and faded; the path is a setpoint of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,34 +53,42 @@ class Conditions:
     """The link is alive and fast enough."""
     recovered: bool
     """Health is READY: nothing has spoken against the estimate for a while."""
-    sound: bool
-    """Health is not FAULT: no setpoint of swingd's leaves then."""
     disturbance: str
     """Why the disturbance may not be fed forward, as far as it depends on its estimate; empty where it may."""
+    led: bool
+    """Whether the load is being led along a path, by a law that damps its swing and bears its disturbance itself."""
+    path: str
+    """Why the load may not be led, as far as it depends on the path and what is known of the load; empty where it
+    may."""
 
 
 _ALWAYS = frozenset(Part)
 _SWING = frozenset({Part.SWING})
+_BY_ESTIMATE = frozenset({Part.SWING, Part.PATH})
+_CORRECTION = frozenset(CORRECTIONS)
+_PATH = frozenset({Part.PATH})
 _DISTURBANCE = frozenset({Part.DISTURBANCE})
 
 _REQUIRED: tuple[tuple[frozenset[Part], Callable[[Conditions], bool], Callable[[Conditions], str]], ...] = (
     (_ALWAYS, lambda c: c.mode is not Mode.SHADOW, lambda _: "mode shadow"),
     (_ALWAYS, lambda c: c.enabled, lambda _: "switched off"),
-    (_ALWAYS, lambda c: c.trusted, lambda _: "does harm; off until enabled again"),
+    (_CORRECTION, lambda c: c.trusted, lambda _: "does harm; off until enabled again"),
     (_ALWAYS, lambda c: c.armed, lambda _: "not armed"),
     (_ALWAYS, lambda c: c.flight_mode is FlightMode.OFFBOARD, lambda c: f"flight mode is {c.flight_mode.value}"),
     (_ALWAYS, lambda c: c.high, lambda _: "too low"),
     (_ALWAYS, lambda c: c.asked, lambda _: "nobody asks for a setpoint that can be corrected"),
-    (_SWING, lambda c: c.payload is PayloadState.ATTACHED, lambda c: f"payload: {c.payload.value}"),
+    (_BY_ESTIMATE, lambda c: c.payload is PayloadState.ATTACHED, lambda c: f"payload: {c.payload.value}"),
     (_ALWAYS, lambda c: c.fresh, lambda _: "IMU or attitude late"),
-    (_SWING, lambda c: c.finite, lambda _: "estimate not finite"),
-    (_SWING, lambda c: c.settled, lambda _: "estimate settling"),
-    (_SWING, lambda c: c.certain, lambda _: "estimate uncertain"),
-    (_SWING, lambda c: c.consistent, lambda _: "measurements and model disagree"),
+    (_BY_ESTIMATE, lambda c: c.finite, lambda _: "estimate not finite"),
+    (_BY_ESTIMATE, lambda c: c.settled, lambda _: "estimate settling"),
+    (_BY_ESTIMATE, lambda c: c.certain, lambda _: "estimate uncertain"),
+    (_BY_ESTIMATE, lambda c: c.consistent, lambda _: "measurements and model disagree"),
     (_ALWAYS, lambda c: c.link, lambda _: "link late or silent"),
-    (_SWING, lambda c: c.recovered, lambda _: "health is not ready"),
-    (_DISTURBANCE, lambda c: c.sound, lambda _: "health is fault"),
+    (_BY_ESTIMATE, lambda c: c.recovered, lambda _: "health is not ready"),
     (_DISTURBANCE, lambda c: not c.disturbance, lambda c: c.disturbance),
+    (_CORRECTION, lambda c: not c.led, lambda _: "the load is led along its path"),
+    (_PATH, lambda c: c.mode in (Mode.SHADOW, Mode.PATH), lambda c: f"mode {c.mode.value}"),
+    (_PATH, lambda c: not c.path, lambda c: c.path),
 )
 """For which parts it must hold, what must hold, and what to say where it does not."""
 

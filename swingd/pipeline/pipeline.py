@@ -35,8 +35,10 @@ from swingd.model.events import (
     Landed,
     LandedState,
     LocalPosition,
+    Mission,
     Motors,
     ParametersChange,
+    PathCommand,
     RoundTrip,
     Stream,
     StreamRefused,
@@ -52,6 +54,7 @@ from swingd.pipeline.correction import turn
 from swingd.pipeline.disturbance import DisturbanceObserver
 from swingd.pipeline.envelope import Part, withheld_by
 from swingd.pipeline.health import Evidence, HealthWatch, StreamState, StreamWatch
+from swingd.pipeline.path import PathInputs, PathProgress
 from swingd.pipeline.payload_mass import MassEstimate
 from swingd.pipeline.payload_state import PayloadSample, PayloadState, PayloadWatch
 from swingd.pipeline.sampling import AttitudeTracker, ImuInterval, ImuSampler, Tilt
@@ -200,13 +203,18 @@ class Pipeline:
 
     @property
     def correcting(self) -> bool:
-        """Whether any correction is in the setpoints, of swing or disturbance, one that fades included."""
+        """Whether the setpoints have a correction in them, one that fades included, or lead the load."""
         return self._commander.active
 
     @property
     def damping(self) -> bool:
         """Whether the correction of the swing is in the setpoints, one that fades included."""
         return self._commander.damps
+
+    @property
+    def leading(self) -> bool:
+        """Whether the setpoints lead the load along a path."""
+        return self._commander.leading
 
     @property
     def withheld_by(self) -> tuple[str, ...]:
@@ -222,6 +230,16 @@ class Pipeline:
     def _withheld_by(self, part: Part) -> tuple[str, ...]:
         health = self._health.assessment.health
         return withheld_by(part, self._commander.conditions(self._evidence(), health, self.disturbance))
+
+    @property
+    def path(self) -> PathProgress | None:
+        """How far mode `path` has led the load; None in any other mode."""
+        return self._commander.path if self._parameters.mode is Mode.PATH else None
+
+    @property
+    def path_withheld_by(self) -> tuple[str, ...]:
+        """Every condition that keeps the load from being led."""
+        return self._withheld_by(Part.PATH)
 
     @property
     def disturbance(self) -> DisturbanceEstimate | None:
@@ -319,6 +337,13 @@ class Pipeline:
             case CorrectionSwitch():
                 if self._commander.switch(event.enabled):
                     return [StatusText(Severity.NOTICE, f"correction {'on' if event.enabled else 'off'}")]
+            case Mission():
+                text = self._commander.set_mission(event)
+                severity = Severity.WARNING if event.problem else Severity.NOTICE
+                return [StatusText(severity, text)] if text else []
+            case PathCommand():
+                told = self._commander.order(event.order)
+                return [] if told is None else [StatusText(Severity.NOTICE, told)]
             case ParametersChange():
                 return self._change(event.parameters)
             case _:
@@ -388,7 +413,7 @@ class Pipeline:
         )
         if hangs:
             self._health.step(interval.dt_s, estimate.nis, float(max(self._angles[4], self._angles[5])))
-        return told + self._command(interval, tilt, thrust.thrust_n, self._assess())
+        return told + self._command(interval, tilt, thrust, self._assess())
 
     def _read_inputs(self, interval: ImuInterval, tilt: Tilt) -> ThrustReading:
         """Fill acceleration and force of this interval, level frame; return the thrust."""
@@ -548,10 +573,12 @@ class Pipeline:
 
     # ---- command
 
-    def _command(self, interval: ImuInterval, tilt: Tilt, thrust_n: float, evidence: Evidence) -> list[Action]:
+    def _command(self, interval: ImuInterval, tilt: Tilt, thrust: ThrustReading, evidence: Evidence) -> list[Action]:
         """Command, and say what is estimated."""
+        thrust_n = thrust.thrust_n
         x, y, x_rate, y_rate = self._vector.tolist()
         disturbance = self.disturbance
+        path = self._path_inputs(tilt, thrust) if self._parameters.mode is Mode.PATH else None
         setpoint = self._commander.step(
             Situation(
                 t_boot_s=interval.t_boot_s,
@@ -570,9 +597,11 @@ class Pipeline:
                 taking_off=self._landed is LandedState.TAKING_OFF,
                 lift_n=thrust_n * float(self._rotation[2, 2]),
                 disturbance=disturbance,
+                path=path,
             )
         )
         actions: list[Action] = [setpoint] if setpoint is not None else []
+        actions += [StatusText(Severity.NOTICE, text) for text in self._commander.take_texts()]
         push = self._commander.push
         xi, zeta, xi_rate, zeta_rate, xi_std, zeta_std = self._angles.tolist()
         force = _vec3(self._estimate.x[4:7])
@@ -599,6 +628,22 @@ class Pipeline:
             )
         )
         return actions
+
+    def _path_inputs(self, tilt: Tilt, thrust: ThrustReading) -> PathInputs:
+        """What leading the load needs of this interval, turned from the level frame."""
+        to_ned_rad = tilt.yaw_rad - tilt.level_yaw_rad
+
+        def ned(level: FloatArray) -> Vec3:
+            x, y, z = level.tolist()
+            return (*turn((x, y), to_ned_rad), z)
+
+        north, east, down = ned(self._acc_hook)
+        return PathInputs(
+            thrust_ned_n=ned(-thrust.thrust_n * self._rotation[:, 2]),
+            thrust_known=thrust.source is not ThrustSource.REMARK_1,
+            specific_force_ned_mps2=(north, east, down - GRAVITY_MPS2),
+            hook_ned_m=ned(self._rotation @ self._hook_frd),
+        )
 
     # ---- time
 

@@ -47,6 +47,16 @@ class HoldReference:
         self._set = setpoint
         return True
 
+    @property
+    def yaw_rad(self) -> float | None:
+        """The heading that is kept; None before the first reference."""
+        return self._yaw_rad
+
+    def follow(self) -> None:
+        """The vehicle is led by something else: what is held from then on is the altitude where that ends."""
+        if self._pos is not None:
+            self._altitude_d_m = self._pos.pos_ned_m[2]
+
     def turn(self, yaw_jump_rad: float) -> None:
         """The autopilot's yaw was reset: keep the nose where it is."""
         if self._yaw_rad is not None:

@@ -119,6 +119,7 @@ def condition(
         "payload": _payload(engine),
         "correction": _correction(engine),
         "disturbance": _disturbance(engine),
+        "path": _path(engine),
         "filter": {
             "joined": engine.has_joined,
             "steps": recent.filter_steps,
@@ -185,6 +186,18 @@ def _disturbance(engine: Engine) -> dict[str, Any] | None:
         "doubt": estimate.doubt,
         "fed_forward": any(pipeline.feed_forward_mps2),
         "withheld_by": list(pipeline.feed_forward_withheld_by),
+    }
+
+
+def _path(engine: Engine) -> dict[str, Any] | None:
+    """How far mode path has led the load; None in any other mode."""
+    progress = engine.pipeline.path if engine.has_joined else None
+    if progress is None:
+        return None
+    return {
+        **asdict(progress),
+        "state": progress.state.value,
+        "withheld_by": list(engine.pipeline.path_withheld_by),
     }
 
 

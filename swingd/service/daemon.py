@@ -64,6 +64,7 @@ GARBAGE_THRESHOLD = 50_000
 _LEVELS = {Health.DEGRADED: "warning", Health.FAULT: "error"}
 _FAREWELLS = {
     Mode.HOLD: "swingd ends: the autopilot's failsafe acts next",
+    Mode.PATH: "swingd ends: the autopilot's failsafe acts next",
     Mode.INLINE: "swingd ends: nothing passes through it any more",
     Mode.SHADOW: "swingd ends: nothing passes through it any more",
 }

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from swingd.cli.main import app
 from swingd.engine import Engine
 from swingd.model.actions import Health
-from swingd.model.parameters import Parameters
+from swingd.model.parameters import Mode, Parameters, Waypoint
 from swingd.service.condition import Standing, condition
 from swingd.service.links import Link, settings_of
 from swingd.service.meter import Meter
@@ -40,9 +40,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @contextlib.contextmanager
-def answering(health: Health, reason: str = "", configuration: Path | None = None) -> Iterator[StatusServer]:
+def answering(
+    health: Health, reason: str = "", configuration: Path | None = None, parameters: Parameters | None = None
+) -> Iterator[StatusServer]:
     """Answer as a daemon does whose health is this."""
-    parameters = Parameters()
+    parameters = parameters or Parameters()
     engine = Engine(parameters)
     engine.join(0.0)
     links = [Link(settings, lambda *_: None, lambda *_: None, lambda *_: None) for settings in settings_of(parameters)]
@@ -94,6 +96,17 @@ def test_the_page_names_what_withholds_the_correction_and_every_input(folder: Pa
     row = next(line for line in page.splitlines() if line.startswith("local position"))
     assert row.split() == ["local", "position", "50", "Hz", "0", "Hz", "never"]
     assert all(len(line) <= 120 for line in page.splitlines())
+
+
+def test_the_page_tells_how_far_a_path_has_come_and_why_the_load_is_not_led(folder: Path) -> None:
+    waiting = Parameters(mode=Mode.PATH, waypoints=(Waypoint(20.0), Waypoint(20.0, 5.0)))
+    with answering(Health.INIT, parameters=waiting):
+        page, answer = run().stdout, json.loads(run("--json").stdout)
+    assert "path          waiting, waypoint 1 of 2; not led: not armed; flight mode is unknown;" in page
+    assert answer["path"]["state"] == "waiting"
+    assert answer["path"]["remaining_m"] is None
+    with answering(Health.INIT):
+        assert json.loads(run("--json").stdout)["path"] is None
 
 
 def test_nobody_there_is_said_clearly(folder: Path) -> None:

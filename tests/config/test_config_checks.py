@@ -113,6 +113,20 @@ def test_checks_name_existing_keys() -> None:
             "simulation.battery_full_v, 16.2 V",
         ),
         (
+            ["mode=path"],
+            "mode (--set): mode path leads the load through waypoints and there are none; expected one, such as "
+            "[{north_m: 20}]",
+        ),
+        (
+            ["mode=path", "waypoints=[{north_m: 20}, {east_m: 5}, {east_m: 5}]"],
+            "waypoints (--set): waypoint 3 is 0 m from the one before; expected at least 0.01 m",
+        ),
+        (
+            ["mode=path", "waypoints=[{north_m: 20}]", "thrust.source=remark_1"],
+            "thrust.source (--set): thrust.source remark_1 takes the thrust from the load's weight, which leaves no "
+            "disturbance to be seen; mode path expects motors, throttle or auto",
+        ),
+        (
             ["endpoints=[{}, {url: 'udpin:14550'}]"],
             "endpoints.2.url (--set): link URL 'udpin:14550': no '://'; expected one of " + FORMS,
         ),

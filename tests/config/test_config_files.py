@@ -13,11 +13,13 @@ import yaml
 
 from swingd.config.loader import load_parameters
 from swingd.config.render import dump_parameters
-from swingd.config.schema import ITEM_KEYS, KEYS
+from swingd.config.schema import KEYS
 from swingd.model.parameters import Mode, ShaperName, ThrustSource
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOL = ROOT / "tools" / "configs.py"
+LISTS = {key.name: list(key.item.every_key()) for key in KEYS.values() if key.item is not None}
+"""The keys of the groups of each list."""
 FILES = sorted((ROOT / "configs").glob("*.yaml"))
 
 
@@ -57,8 +59,8 @@ def test_every_key_of_a_configuration_has_its_comment(path: Path) -> None:
         if above.startswith("# ") and ": " in line and not line.startswith("#")
     ]
     single = [key for key in KEYS.values() if key.item is None]
-    assert [name for _, name in commented if name != "endpoints"] == [key.path[-1] for key in single]
-    for (comment, _), key in zip(((c, n) for c, n in commented if n != "endpoints"), single, strict=True):
+    assert [name for _, name in commented if name not in LISTS] == [key.path[-1] for key in single]
+    for (comment, _), key in zip(((c, n) for c, n in commented if n not in LISTS), single, strict=True):
         assert comment.startswith(key.text)
         assert key.unit in comment
         if key.low is not None:
@@ -68,12 +70,13 @@ def test_every_key_of_a_configuration_has_its_comment(path: Path) -> None:
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_every_list_of_a_configuration_says_what_stands_in_it(path: Path) -> None:
     lines = path.read_text(encoding="utf-8").splitlines()
-    place = next(index for index, line in enumerate(lines) if line.startswith("endpoints:"))
-    above = lines[place - 1 - len(ITEM_KEYS) : place]
-    assert above[0] == f"# {KEYS['endpoints'].text}"
-    for line, key in zip(above[1:], ITEM_KEYS, strict=True):
-        assert line.startswith(f"#   {key.path[-1]}: {key.text}")
-        assert line.endswith(f"[{key.range}]") or key.low is None
+    for name, keys in LISTS.items():
+        place = next(index for index, line in enumerate(lines) if line.startswith(f"{name}:"))
+        above = lines[place - 1 - len(keys) : place]
+        assert above[0] == f"# {KEYS[name].text}"
+        for line, key in zip(above[1:], keys, strict=True):
+            assert line.startswith(f"#   {key.path[-1]}: {key.text}")
+            assert line.endswith(f"{key.range}]") or key.low is None
 
 
 def test_everything_derived_is_current() -> None:
@@ -139,7 +142,7 @@ def test_the_reference_names_every_key_with_default_unit_range_and_meaning() -> 
         if line.startswith("| `")
         for cells in [[cell.strip() for cell in line.strip("|").split("|")]]
     }
-    keys = [key for name in KEYS for key in (ITEM_KEYS if name == "endpoints" else [KEYS[name]])]
+    keys = [key for name in KEYS for key in LISTS.get(name, [KEYS[name]])]
     assert list(rows) == [f"`{key.name}`" for key in keys]
     assert rows["`cable.length_m`"] == [
         "`1.5`", "m", "0.1 .. 200", "from the hook to the load's centre of mass", "`SWG_CABLE_LEN`"

@@ -33,6 +33,7 @@ from swingd.model.parameters import (
     Payload,
     ShaperName,
     ThrustSource,
+    Waypoint,
 )
 
 shares_a_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -242,7 +243,7 @@ def test_an_override_mends_what_is_wrong_in_the_file(load: Any) -> None:
             "endpoints (--set): 'udpin://:14541' given; expected a list of at most 16 groups of url, shaper, key_file, "
             "system_ids",
         ),
-        ("=1", " (--set): no such key; expected mode, endpoints or a key of " + ", ".join(GROUPS)),
+        ("=1", " (--set): no such key; expected mode, endpoints, waypoints or a key of " + ", ".join(GROUPS)),
     ],
 )
 def test_what_is_said_about_a_wrong_override(problems: Any, override: str, problem: str) -> None:
@@ -280,9 +281,9 @@ def test_an_override_into_something_else_leaves_the_files_problem(problems: Any)
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("mode: hovr", "mode (line 1): 'hovr' given; expected one of shadow, hold, inline"),
-        ("mode:", "mode (line 1): nothing given; expected one of shadow, hold, inline"),
-        ("\n\nmode: [hold]", "mode (line 3): ['hold'] given; expected one of shadow, hold, inline"),
+        ("mode: hovr", "mode (line 1): 'hovr' given; expected one of shadow, hold, inline, path"),
+        ("mode:", "mode (line 1): nothing given; expected one of shadow, hold, inline, path"),
+        ("\n\nmode: [hold]", "mode (line 3): ['hold'] given; expected one of shadow, hold, inline, path"),
         ("payload:\n  mass_kg: '1'", "payload.mass_kg (line 2): '1' given; expected a number from 0.005 to 2000 kg"),
         ("payload:\n  mass_kg: true", "payload.mass_kg (line 2): true given; expected a number from 0.005 to 2000 kg"),
         ("payload:\n  mass_kg: .nan", "payload.mass_kg (line 2): nan given; expected a number from 0.005 to 2000 kg"),
@@ -381,10 +382,10 @@ def test_an_override_into_something_else_leaves_the_files_problem(problems: Any)
         ("link:\n  url: x", "link.url (line 2): no such key; did you mean endpoints.1.url?"),
         ("key_file: x", "key_file (line 1): no such key; did you mean link.key_file or endpoints.1.key_file?"),
         ("endpoint:\n- url: x", "endpoint (line 1): no such key; did you mean endpoints?"),
-        ("qqq: 1", "qqq (line 1): no such key; expected mode, endpoints or a key of " + ", ".join(GROUPS)),
+        ("qqq: 1", "qqq (line 1): no such key; expected mode, endpoints, waypoints or a key of " + ", ".join(GROUPS)),
         ("- 1", "the file (line 1): [1] given; expected groups of keys, such as payload: {mass_kg: 0.3}"),
         ("# c\n42", "the file (line 2): 42 given; expected groups of keys, such as payload: {mass_kg: 0.3}"),
-        ("1: 2", "1 (line 1): no such key; expected mode, endpoints or a key of " + ", ".join(GROUPS)),
+        ("1: 2", "1 (line 1): no such key; expected mode, endpoints, waypoints or a key of " + ", ".join(GROUPS)),
         ("? [a]\n: 2", "? (line 1): a list or mapping given; expected the name of a key"),
         ("payload:\n  ? {a: 1}\n  : 2", "payload.? (line 2): a list or mapping given; expected the name of a key"),
         (
@@ -649,6 +650,7 @@ def test_a_dump_and_an_override_load_as_the_same_values(load: Any, chosen: tuple
     key, value = chosen
     parts: dict[str, Any] = plain(Parameters())
     parts["endpoints"] = [plain(Endpoint(url="udpin://:14542"))]
+    parts["waypoints"] = [plain(Waypoint(north_m=1.0))]
     group: Any = parts
     for part in key.path[:-1]:
         group = group[0] if part == "N" else group[part]
@@ -659,9 +661,9 @@ def test_a_dump_and_an_override_load_as_the_same_values(load: Any, chosen: tuple
             load(dump_parameters(parameters))
         return
     assert as_written(load(dump_parameters(parameters))) == as_written(parameters)
-    endpoint = "endpoints.1.url=udpin://:14542"
+    items = "endpoints.1.url=udpin://:14542", "waypoints.1.north_m=1.0"
     override = f"{key.name.replace('N', '1')}={yaml_text(value)}"
-    assert as_written(load("", endpoint, override)) == as_written(parameters)
+    assert as_written(load("", *items, override)) == as_written(parameters)
 
 
 def test_a_dump_names_every_key_with_unit_range_and_meaning() -> None:
@@ -708,7 +710,7 @@ def test_json_problems_name_the_keys() -> None:
         "parameters: 5 problems\n"
         "  payload.x: no such key; expected one of mass_kg, estimate_mass\n"
         "  endpoints.2: 2 given; expected a group of keys, such as {url: udpin://127.0.0.1:14541}\n"
-        "  mode: 'no' given; expected one of shadow, hold, inline\n"
+        "  mode: 'no' given; expected one of shadow, hold, inline, path\n"
         "  payload.mass_kg: nan given; expected a number from 0.005 to 2000 kg\n"
         "  endpoints.1.shaper: 1 given; expected one of none, zv, zvd, ei"
     )

@@ -24,7 +24,7 @@ from swingd.config.schema import (
     json_schema,
     model_of,
 )
-from swingd.model.parameters import Endpoint, Mode, Parameters, ShaperName, Thrust, ThrustSource
+from swingd.model.parameters import Endpoint, Mode, Parameters, ShaperName, Thrust, ThrustSource, Waypoint
 
 MODEL = model_of(ROOT)
 ALL = [*KEYS.values(), *ITEM_KEYS]
@@ -65,7 +65,10 @@ def accepts(key: Key, value: Any) -> bool:
 
 
 def test_the_schema_has_every_field_of_the_dataclasses_in_order() -> None:
-    assert [key.name for key in ITEM_KEYS] == [f"endpoints.N.{field.name}" for field in dataclasses.fields(Endpoint)]
+    assert [key.name for key in ITEM_KEYS] == [
+        *(f"endpoints.N.{field.name}" for field in dataclasses.fields(Endpoint)),
+        *(f"waypoints.N.{field.name}" for field in dataclasses.fields(Waypoint)),
+    ]
     expected = []
     for field in dataclasses.fields(Parameters):
         kind = get_type_hints(Parameters)[field.name]
@@ -227,8 +230,8 @@ def test_what_is_expected_is_said_with_the_unit() -> None:
     assert KEYS["link.system_id"].expected == "a whole number from 0 to 255"
     assert KEYS["hold.vel_ned_mps"].expected == "a list of 3 numbers, each from -30 to 30 m/s"
     assert KEYS["control.enabled"].expected == "true or false"
-    assert KEYS["mode"].expected == "one of shadow, hold, inline"
-    assert KEYS["estimator.name"].expected == "one of swing_ekf, fgdf, pendulum"
+    assert KEYS["mode"].expected == "one of shadow, hold, inline, path"
+    assert KEYS["estimator.name"].expected == "one of swing_ekf, tether-ukf, fgdf, pendulum"
     assert KEYS["link.autopilot"].expected == "a text of 1 to 200 printable characters"
     assert KEYS["endpoints"].expected == "a list of at most 16 groups of url, shaper, key_file, system_ids"
     system_ids = find(["endpoints", "1", "system_ids"])
@@ -270,7 +273,7 @@ def test_names_of_the_param_protocol_are_fit_for_it() -> None:
             assert re.fullmatch(r"SWG_[A-Z0-9_]+", key.mavlink)
             assert len(key.mavlink) <= 16
             assert key.type in (float, bool)
-            assert key.path[0] != "endpoints"
+            assert key.path[0] not in ("endpoints", "waypoints")
 
 
 @pytest.mark.parametrize("key", ALL, **IDS)

@@ -38,6 +38,9 @@ QUESTIONS = {
     mavlink.MAVLINK_MSG_ID_PARAM_VALUE,
     mavlink.MAVLINK_MSG_ID_PARAM_ERROR,
     mavlink.MAVLINK_MSG_ID_TIMESYNC,
+    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
+    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT,
+    mavlink.MAVLINK_MSG_ID_MISSION_ACK,
 }
 """What it may ask besides, and say of its own parameters: nothing that changes the autopilot's state."""
 COMMANDS = {mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_REQUEST_MESSAGE}

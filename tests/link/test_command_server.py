@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link.codec import Codec
 from swingd.link.command_server import CommandServer, RcSwitch
+from swingd.model.events import PathOrder
 
 from .ground_station import COMPONENT, SYSTEM, command_int, command_long, frame, on_the_wire
 
@@ -60,7 +61,7 @@ def test_commands_to_others_and_to_all_are_not_answered(make, system, component)
         mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
         mavlink.MAV_CMD_DO_SET_MODE,
         mavlink.MAV_CMD_REQUEST_MESSAGE,
-        mavlink.MAV_CMD_USER_2,
+        mavlink.MAV_CMD_USER_3,
         65535,
         0,
     ],
@@ -71,6 +72,50 @@ def test_everything_else_is_unsupported_and_moves_nothing(make, command):
     assert ack_of(reply) == (command, UNSUPPORTED, 255, 190)
     assert reply.switch is None
     assert reply.refusal is None
+
+
+@pytest.mark.parametrize("make", [command_long, command_int])
+@pytest.mark.parametrize(
+    ("command", "param1", "order"),
+    [
+        (mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0.0, PathOrder.PAUSE),
+        (mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 1.0, PathOrder.CONTINUE),
+        (mavlink.MAV_CMD_USER_2, 0.0, PathOrder.ABORT),
+    ],
+)
+def test_a_path_takes_orders_while_there_is_one(make, command, param1, order):
+    served = server()
+    reply = served.handle(0.0, frame(make(command, param1)))
+    assert ack_of(reply)[:2] == (command, DENIED)
+    assert reply.order is None
+    assert "mode path is not on" in reply.refusal
+    served.leads = True
+    reply = served.handle(1.0, frame(make(command, param1)))
+    assert ack_of(reply)[:2] == (command, ACCEPTED)
+    assert (reply.order, reply.switch, reply.refusal) == (order, None, None)
+
+
+@pytest.mark.parametrize("param1", [0.5, 2.0, -1.0, math.nan])
+@pytest.mark.parametrize("command", [mavlink.MAV_CMD_DO_PAUSE_CONTINUE, mavlink.MAV_CMD_USER_2])
+def test_an_order_that_does_not_exist_is_denied_with_the_reason(command, param1):
+    served = server()
+    served.leads = True
+    reply = served.handle(0.0, frame(command_long(command, param1)))
+    assert ack_of(reply)[1] == DENIED
+    assert reply.order is None
+    assert f"param1 {param1:g} given; expected 0 (" in reply.refusal
+
+
+def test_a_repeated_order_does_not_undo_another_one():
+    served = server()
+    served.leads = True
+    pause = command_long(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0.0)
+    assert served.handle(0.0, frame(pause)).order is PathOrder.PAUSE
+    on = command_long(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 1.0)
+    assert served.handle(0.5, frame(on, (1, 1))).order is PathOrder.CONTINUE
+    again = command_long(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0.0, confirmation=1)
+    reply = served.handle(1.0, frame(again))
+    assert (ack_of(reply)[1], reply.order) == (ACCEPTED, None)
 
 
 def test_an_attempt_that_is_repeated_is_acknowledged_again_and_switches_nothing_back():

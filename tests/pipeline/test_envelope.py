@@ -17,7 +17,7 @@ from swingd.pipeline.payload_state import PayloadState
 KINDS: dict[str, type[Enum]] = {"mode": Mode, "flight_mode": FlightMode, "payload": PayloadState}
 DOMAINS: dict[str, tuple[Any, ...]] = {
     field.name: tuple(KINDS.get(field.name, (False, True))) for field in fields(Conditions)
-} | {"disturbance": ("", "disturbance settling")}
+} | {"disturbance": ("", "disturbance settling"), "path": ("", "no waypoints")}
 SWING_ALONE = {
     "payload": tuple(PayloadState),
     **dict.fromkeys(("finite", "settled", "certain", "consistent", "recovered"), (False, True)),
@@ -26,20 +26,30 @@ SWING_ALONE = {
 
 YES: dict[str, Any] = dict.fromkeys(DOMAINS, True)
 GOOD = Conditions(
-    **YES | {"mode": Mode.HOLD, "flight_mode": FlightMode.OFFBOARD, "payload": PayloadState.ATTACHED, "disturbance": ""}
+    **YES
+    | {
+        "mode": Mode.HOLD,
+        "flight_mode": FlightMode.OFFBOARD,
+        "payload": PayloadState.ATTACHED,
+        "disturbance": "",
+        "led": False,
+        "path": "",
+    }
 )
-STREAMING = (Mode.HOLD, Mode.INLINE)
+STREAMING = (Mode.HOLD, Mode.INLINE, Mode.PATH)
 
 
-def test_every_combination() -> None:
-    combinations = [Conditions(*values) for values in itertools.product(*DOMAINS.values())]
-    assert len(combinations) == 3 * 3 * len(PayloadState) * 2**14
+def every(**fixed: Any) -> list[Conditions]:
+    """All combinations in which some conditions are as given."""
+    return [Conditions(*values) for values in itertools.product(*({**DOMAINS, **fixed}).values())]
+
+
+def test_every_combination_of_what_a_correction_depends_on() -> None:
+    combinations = every(path=("",))
+    assert len(combinations) == 4 * 3 * len(PayloadState) * 2**14
     swing = {conditions for conditions in combinations if may_leave(Part.SWING, conditions)}
     assert swing == {
-        replace(GOOD, mode=mode, disturbance=doubt, sound=sound)
-        for mode in STREAMING
-        for doubt in DOMAINS["disturbance"]
-        for sound in DOMAINS["sound"]
+        replace(GOOD, mode=mode, disturbance=doubt) for mode in STREAMING for doubt in DOMAINS["disturbance"]
     }
     disturbance = {conditions for conditions in combinations if may_leave(Part.DISTURBANCE, conditions)}
     assert disturbance == {
@@ -47,6 +57,13 @@ def test_every_combination() -> None:
         for mode in STREAMING
         for values in itertools.product(*SWING_ALONE.values())
     }
+
+
+def test_every_combination_of_what_a_path_depends_on() -> None:
+    combinations = every(disturbance=("",))
+    path = {conditions for conditions in combinations if may_leave(Part.PATH, conditions)}
+    own = replace(GOOD, mode=Mode.PATH)
+    assert path == {replace(own, trusted=trusted, led=led) for trusted in (False, True) for led in (False, True)}
 
 
 @pytest.mark.parametrize(("fade_in_s", "fade_out_s"), [(1.0, 0.5), (0.0, 0.5), (2.0, 0.0), (0.0, 0.0)])
@@ -76,7 +93,8 @@ def test_the_fade_stays_within_its_slope(fade_in_s: float, fade_out_s: float, st
 @pytest.mark.parametrize("name", DOMAINS)
 def test_what_withholds_a_part_is_named_once_for_each_condition(name: str, part: Part) -> None:
     for value in DOMAINS[name]:
-        conditions = replace(GOOD, **{name: value})
+        good = replace(GOOD, mode=Mode.PATH) if part is Part.PATH else GOOD
+        conditions = replace(good, **{name: value})
         assert len(withheld_by(part, conditions)) == (not may_leave(part, conditions))
 
 

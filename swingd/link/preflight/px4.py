@@ -175,6 +175,8 @@ def _velocity_limit(facts: Facts) -> Iterable[Advice]:
     who = "an application"
     if parameters.mode is Mode.HOLD:
         asked, who = math.hypot(*parameters.hold.vel_ned_mps[:2]), "hold.vel_ned_mps"
+    elif parameters.mode is Mode.PATH:
+        return  # accelerations, which this does not limit
     elif any(endpoint.shaper is not ShaperName.NONE for endpoint in parameters.endpoints):
         asked, who = parameters.shaping.vel_max_mps, "shaping.vel_max_mps"
     if value >= asked + correction and value >= 2.0 * correction:
