@@ -7,7 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 import swingd
-from swingd.cli import check, demo, doctor, gp, identify, replay, run, schema, sim, status, study
+from swingd.cli import calibrate, check, demo, doctor, gp, identify, replay, run, schema, sim, status, study
 from swingd.cli.process import EXIT_CODES, report
 from swingd.model.errors import SwingdError
 
@@ -66,6 +66,7 @@ app.command(epilog=status.EXAMPLES)(status.status)
 app.command(epilog=sim.EXAMPLES)(sim.sim)
 app.command(epilog=replay.EXAMPLES)(replay.replay)
 app.command(epilog=identify.EXAMPLES)(identify.identify)
+app.add_typer(calibrate.calibrate, name="calibrate")
 app.command(epilog=check.EXAMPLES)(check.check)
 app.command(epilog=doctor.EXAMPLES)(doctor.doctor)
 app.command(epilog=schema.EXAMPLES)(schema.schema)

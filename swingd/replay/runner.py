@@ -12,7 +12,7 @@ from swingd.link.router import AUTOPILOT
 from swingd.model.actions import Action, StatusText, SwingReport
 from swingd.model.errors import LogFormatError
 from swingd.model.estimate import ResetReason
-from swingd.model.events import Attitude, Event, Imu, LocalPosition, Tick
+from swingd.model.events import Attitude, Battery, Event, Imu, LocalPosition, Motors, Throttle, Tick
 from swingd.model.parameters import Parameters
 from swingd.pipeline import Pipeline
 from swingd.pipeline.payload_mass import MassEstimate
@@ -42,6 +42,9 @@ class Replay:
     """The inertial samples, for the baseline."""
     attitudes: list[Attitude] = field(default_factory=list)
     positions: list[LocalPosition] = field(default_factory=list)
+    throttles: list[Throttle] = field(default_factory=list)
+    motors: list[Motors] = field(default_factory=list)
+    batteries: list[Battery] = field(default_factory=list)
     loads: list[tuple[float, PayloadState]] = field(default_factory=list)
     """What became of the load, and when [s, boot time]; the first as the flight was found."""
     weighing: MassEstimate | None = None
@@ -74,6 +77,12 @@ class Replay:
             self.attitudes.append(event)
         elif isinstance(event, LocalPosition):
             self.positions.append(event)
+        elif isinstance(event, Throttle):
+            self.throttles.append(event)
+        elif isinstance(event, Motors):
+            self.motors.append(event)
+        elif isinstance(event, Battery):
+            self.batteries.append(event)
 
     def watch(self, pipeline: Pipeline) -> None:
         """Note what has become of the load."""

@@ -1,0 +1,1 @@
+"""Payload state estimation for cooperative manipulation using multiple UAVs (tether UKF), recomputed."""
