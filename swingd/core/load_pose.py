@@ -23,14 +23,16 @@ class TetherRow(IntEnum):
     HOOK = 0
     """Upper end, ned, 3 [m]."""
     DIRECTION = 3
-    """Unit vector to the load, ned, 3."""
+    """Unit vector to the load, ned, 3; not used unless told."""
     LENGTH = 6
     """[m]"""
     LENGTH_STD = 7
-    """Hook's and anchor's position along the tether included [m], > 0."""
+    """Hook's and anchor's position along the tether included [m], > 0; infinite: the length tells nothing."""
     ANCHOR = 8
     """Lower end on the load, from its CG, frd, 3 [m]."""
-    SIZE = 11
+    TOLD = 11
+    """1 where the direction is measured, else 0."""
+    SIZE = 12
 
 
 ITERATIONS_MAX = 60
@@ -216,6 +218,8 @@ def _normal_equations(A, b, p, R, rows, covs, angles, information):
             b[i] -= weight * residual * j1[i]
             for j in range(UNKNOWN):
                 A[i, j] += weight * j1[i] * j1[j]
+        if rows[k, _R.TOLD] < 0.5:
+            continue
         # Direction: along two axes across the one measured.
         axis = 0
         for i in range(1, 3):
@@ -281,10 +285,10 @@ def solve(p_out, R_out, cov_out, cost_out, rows, covs, angles, information, R_st
     cov_out : (6, 6), written
         Covariance of roll, pitch, yaw and position.
     cost_out : (1,), written
-        Weighted sum of squares: chi-square with 3 per tether plus one per known angle less 6 degrees of freedom.
+        Weighted sum of squares: chi-square, with 1 per length, 2 per direction, 1 per angle, less 6 degrees of freedom.
     rows : (n, TetherRow.SIZE)
     covs : (3 n, 3)
-        Covariance of each unit vector, of rank 2 across it.
+        Covariance of each unit vector that is told, of rank 2 across it.
     angles, information : (3,)
         Roll, pitch, yaw that are known otherwise, and 1 / variance; 0: not known.
     R_start : (3, 3)
@@ -294,20 +298,20 @@ def solve(p_out, R_out, cov_out, cost_out, rows, covs, angles, information, R_st
     -------
     Status
         ``OK``; ``NOT_POSITIVE`` where tethers and angles together do not tell the whole pose: all anchors on one line
-        without the angle about it, fewer than two tethers; ``NOT_CONVERGED``; ``NOT_FINITE``. Results are
-        to be ignored unless ``OK``.
+        without the angle about it, fewer than two tethers, no direction at all; ``NOT_CONVERGED``; ``NOT_FINITE``.
+        Results are to be ignored unless ``OK``.
     """
     n = rows.shape[0]
     seen, drawn, weights = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
     spread = 1e-6
     for k in range(n):
-        variance = rows[k, _R.LENGTH_STD] ** 2
+        variance = min(rows[k, _R.LENGTH_STD], rows[k, _R.LENGTH]) ** 2
         for i in range(3):
             seen[k, i] = rows[k, _R.HOOK + i] + rows[k, _R.LENGTH] * rows[k, _R.DIRECTION + i]
             drawn[k, i] = rows[k, _R.ANCHOR + i]
             variance += rows[k, _R.LENGTH] ** 2 * covs[3 * k + i, i]
             spread = max(spread, abs(drawn[k, i] - drawn[0, i]))
-        weights[k] = 1.0 / variance
+        weights[k] = 1.0 / variance if rows[k, _R.TOLD] > 0.5 else 0.0
     R = np.empty((3, 3))
     status = align(R, seen, drawn, weights, R_start, 1e-4 * spread * spread)
     if status != _OK:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swingd.core import load_pose as kernels
+from swingd.core.load_pose import TetherRow as Column
 from swingd.core.status import Status
 from swingd.model.errors import ConfigurationError
 from swingd.model.estimate import FloatArray
@@ -29,11 +30,11 @@ class TetherSight:
     """(3,) upper end, on the vehicle."""
     direction_ned: FloatArray
     """(3,) unit vector to the load."""
-    direction_cov: FloatArray
-    """(3, 3) its covariance, of rank 2 across it."""
+    direction_cov: FloatArray | None
+    """(3, 3) its covariance, of rank 2 across it; None: only the length is known, the direction is not looked at."""
     length_m: float
     length_std_m: float
-    """What is not known of the length, and of the hook's place along the tether."""
+    """What is not known of the length, and of the hook's place along it; infinite: only the direction counts."""
     anchor_frd_m: Vec3
     """Lower end on the load, from its CG."""
 
@@ -66,7 +67,7 @@ class LoadPose:
     chi2: float
     """Weighted sum of squared residuals; chi-square distributed."""
     dof: int
-    """Its degrees of freedom: 3 for each tether, 1 for each known angle, less 6."""
+    """Its degrees of freedom: 1 for each length, 2 for each direction, 1 for each known angle, less 6."""
 
 
 class CooperativePose:
@@ -108,13 +109,8 @@ class CooperativePose:
         """
         if not 0 < len(tethers) <= TETHERS_MAX:
             return Status.INPUT_INVALID, None
-        rows = np.array(
-            [
-                [*t.hook_ned_m, *t.direction_ned, t.length_m, t.length_std_m, *t.anchor_frd_m]
-                for t in tethers
-            ]
-        )  # fmt: skip
-        covs = np.ascontiguousarray(np.vstack([t.direction_cov for t in tethers]), dtype=float)
+        rows = np.array([_row(tether) for tether in tethers])
+        covs = np.vstack([np.zeros((3, 3)) if t.direction_cov is None else t.direction_cov for t in tethers])
         angles = np.array([known.roll_rad, known.pitch_rad, known.yaw_rad])
         std = np.array([known.roll_std_rad, known.pitch_std_rad, known.yaw_std_rad])
         if not (_valid(rows) and np.isfinite(covs).all() and np.isfinite(angles).all() and (std > 0.0).all()):
@@ -137,7 +133,12 @@ class CooperativePose:
             yaw_rad,
             self._cov.copy(),
             float(self._cost[0]),
-            3 * len(tethers) + int((information > 0.0).sum()) - 6,
+            int(
+                np.isfinite(rows[:, Column.LENGTH_STD]).sum()
+                + 2 * rows[:, Column.TOLD].sum()
+                + (information > 0.0).sum()
+            )
+            - 6,
         )
 
 
@@ -202,10 +203,18 @@ def printed_yaw_rad(azimuths_rad: Sequence[float]) -> float:
     return math.atan2(sum(map(math.sin, azimuths_rad)), sum(map(math.cos, azimuths_rad)))
 
 
+def _row(tether: TetherSight) -> list[float]:
+    """Give a tether as the kernel takes it."""
+    told = tether.direction_cov is not None
+    direction = tether.direction_ned if told else (0.0, 0.0, 1.0)
+    return [
+        *tether.hook_ned_m, *direction, tether.length_m, tether.length_std_m, *tether.anchor_frd_m, float(told),
+    ]  # fmt: skip
+
+
 def _valid(rows: FloatArray) -> bool:
     """Tell whether places are near, directions of unit length, lengths and deviations positive."""
-    if not (np.abs(rows) < PLACE_MAX_M).all():
-        return False
-    units = np.linalg.norm(rows[:, kernels.TetherRow.DIRECTION : kernels.TetherRow.DIRECTION + 3], axis=1)
-    positive = rows[:, [kernels.TetherRow.LENGTH, kernels.TetherRow.LENGTH_STD]] > 0.0
-    return bool((np.abs(units - 1.0) < 1e-6).all() and positive.all())
+    near = np.abs(np.delete(rows, Column.LENGTH_STD, axis=1)) < PLACE_MAX_M
+    units = np.linalg.norm(rows[:, Column.DIRECTION : Column.DIRECTION + 3], axis=1)
+    positive = rows[:, [Column.LENGTH, Column.LENGTH_STD]] > 0.0
+    return bool(near.all() and (np.abs(units - 1.0) < 1e-6).all() and positive.all())

@@ -48,7 +48,8 @@ class SwingEstimate:
     P: FloatArray
     """(7, 7) covariance of ``x``. Read only."""
     nis: float
-    """Normalised innovation squared of the last measurement, 3 degrees of freedom (fgdf: 2); 0 where there is none."""
+    """Normalised innovation squared of the last measurement, 3 degrees of freedom (fgdf, tether-ukf: 2); 0: there is
+    none."""
     tension_n: float
     """Cable force by the model [N]; negative where a real cable would be slack."""
     learned: LearnedModel | None = None

@@ -34,6 +34,7 @@ def a_case(rng, tethers=5, noise=0.0, size=0.03):
         row[R_.LENGTH_STD] = 0.3 * size
         row[R_.LENGTH] = length + noise * 0.3 * size * rng.normal()
         row[R_.ANCHOR : R_.ANCHOR + 3] = anchor
+        row[R_.TOLD] = 1.0
     return rows, covs, p, R
 
 

@@ -1,6 +1,7 @@
 """Pose of a shared load: two vehicles and four tethers, more of them, winch, degenerate cases, bad inputs."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,6 +91,24 @@ def test_four_tethers_from_two_vehicles_tell_everything():
     assert pose.dof == 6
 
 
+def test_lengths_alone_and_directions_alone_count_for_what_they_tell():
+    """Four lengths leave the swing and the sway free; two directions without lengths tell those."""
+    pos, R = load(0.1, -0.1, 0.4)
+    ends = [sight(pos, R, end, lean) for end, lean in zip(ENDS, leans(0.4, 0.2), strict=True)]
+    directions = [replace(one, length_std_m=math.inf) for one in ends]
+    lengths = []
+    for k, anchor in enumerate(CORNERS):
+        hook = ends[k // 2].hook_ned_m
+        length_m = float(np.linalg.norm(pos + R @ np.array(anchor) - hook))
+        lengths.append(TetherSight(hook, np.full(3, math.nan), None, length_m, 0.005, anchor))
+    assert CooperativePose().solve(lengths) == (Status.NOT_POSITIVE, None)
+    status, pose = CooperativePose().solve([*lengths, *directions])
+    assert status is Status.OK
+    np.testing.assert_allclose(pose.pos_ned_m, pos, atol=1e-6)
+    np.testing.assert_allclose(pose.ned_from_frd, R, atol=1e-6)
+    assert pose.dof == 2
+
+
 @pytest.mark.parametrize("vehicles", [3, 5])
 def test_any_number_of_vehicles_and_any_anchors(vehicles):
     rng = np.random.default_rng(vehicles)
@@ -154,12 +173,11 @@ def test_the_covariance_is_that_of_many_draws():
         {"direction_cov": np.full((3, 3), math.inf)},
         {"length_m": 0.0},
         {"length_std_m": -1.0},
+        {"length_std_m": math.nan},
         {"anchor_frd_m": (math.inf, 0.0, 0.0)},
     ],
 )
 def test_bad_inputs_are_answered(change):
-    from dataclasses import replace
-
     pos, R = load()
     sights = [sight(pos, R, anchor, (0.0, 0.1)) for anchor in CORNERS]
     assert CooperativePose().solve([*sights[:3], replace(sights[3], **change)]) == (Status.INPUT_INVALID, None)

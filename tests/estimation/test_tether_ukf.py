@@ -81,6 +81,15 @@ def test_a_filter_that_trusts_too_much_fails_the_same_bounds():
     assert nees.mean() > bounds(4, nees.size)[1]
 
 
+def test_the_pull_of_others_is_found_where_they_hold_the_load_aside():
+    tether = TetherDirection(1.2, 0.1, 0.1, 0.1, 0.3, 0.5)
+    for _ in range(2000):
+        assert tether.predict(STILL, DT_S) is Status.OK
+        assert tether.correct(np.array([0.0, 0.6, 3.0]), 0.01 * np.eye(3)) is Status.OK
+    np.testing.assert_allclose(tether.pull_mps2, [0.0, 0.2 * GRAVITY_MPS2], atol=1e-3)
+    np.testing.assert_allclose(tether.rate, 0.0, atol=1e-4)
+
+
 def pushed(t):
     """Thrust of a vehicle that leans to and fro."""
     return HOVER + np.array([0.8 * math.sin(1.7 * t), 0.6 * math.cos(1.3 * t), 0.3 * math.sin(2.1 * t)])

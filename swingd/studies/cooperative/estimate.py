@@ -21,11 +21,6 @@ from swingd.studies.cooperative.paper_filter import AngleNoise, track
 CALIBRATED_DEG = np.linspace(-25.0, 25.0, 11)
 """Pitches at which the winch was calibrated."""
 FORCE_STD_MIN_N = 0.05
-VIRTUAL_STD_M = 0.05
-"""Of the length of the line along which a vehicle's force points: the two tethers' lengths have told it already, so it
-only places the search's begin."""
-UNTOLD = 1e3
-"""Deviation of the direction of a single tether, which no force shows [rad]."""
 NOMINAL_M = v.triangle(v.TETHER_M, v.TETHER_M).middle_m
 
 
@@ -198,12 +193,10 @@ def _pose_by_least_squares(
             under_m = shape.under(atan2(abs(directions[c, row, 1]), directions[c, row, 2]))
             length_m = hypot(shape.ahead_m - under_m, shape.height_m)
             side_m = v.SIDES[c] * v.HALF_SPAN_M
-            sights.append(TetherSight(hook, direction, cov, length_m, VIRTUAL_STD_M, (under_m, side_m, -v.ANCHOR_UP_M)))
+            sights.append(TetherSight(hook, direction, cov, length_m, inf, (under_m, side_m, -v.ANCHOR_UP_M)))
             for ahead_m, tether_m in ((0.5 * v.EDGE_M, front_m), (-0.5 * v.EDGE_M, rear_m)):
                 anchor = (ahead_m, side_m, -v.ANCHOR_UP_M)
-                sights.append(
-                    TetherSight(hook, direction, UNTOLD**2 * np.eye(3), tether_m, tuning.length_std_m, anchor)
-                )
+                sights.append(TetherSight(hook, direction, None, tether_m, tuning.length_std_m, anchor))
         known = KnownAngles(pitch_rad=winch_pitch(carriers, row, table), pitch_std_rad=tuning.swing_std_rad)
         _, pose = solver.solve(sights, known)
         if pose is None:
