@@ -1,0 +1,290 @@
+"""One vehicle of several: its samples on one clock, and where its hook and cable are at an instant."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from swingd.model.actions import Health
+from swingd.model.estimate import FloatArray
+from swingd.model.events import Attitude, AutopilotRestart, LocalPosition, Vec3
+from swingd.model.formation import (
+    CableSwing,
+    ClockAnswer,
+    LocalOrigin,
+    RiggedVehicle,
+    VehicleEvent,
+    WinchTurned,
+)
+from swingd.pipeline.formation.clock import ClockOffset
+from swingd.pipeline.formation.stream import SampleStream
+
+LATE_S = 1.0
+"""A sample delivered so much later than the quickest is not used."""
+AHEAD_S = 0.25
+"""A stamp of the future: the clock is another one."""
+VALUE_MAX = 1e6
+SWING_MAX_RAD = 1.4
+STD_MAX_RAD = 0.5
+"""Of a swing angle; beyond it the estimator knows nothing."""
+ACC_UNKNOWN_MPS2 = 3.0
+SWING_ACC_UNKNOWN_RADPS2 = 5.0
+ATTITUDE_RATE_UNKNOWN_RADPS = 0.5
+"""What may happen unseen while a sample is carried on."""
+SWING_RATE_PER_ANGLE = 2.5
+"""Deviation of a rate over that of its angle, 1/s: what the estimators show on recorded flights."""
+
+
+class Refusal(Enum):
+    """Why something that a vehicle told was not used."""
+
+    NOT_FINITE = "not_finite"
+    IMPOSSIBLE = "impossible"
+    OUT_OF_ORDER = "out_of_order"
+    LATE = "late"
+    AHEAD = "ahead"
+    SWING_NOT_GOOD = "swing_not_good"
+    """Its swingd is in fault or not ready, or says that it knows nothing."""
+    OTHER_CLOCK = "other_clock"
+    """An answer to TIMESYNC that is not of the boot clock, or came too late."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleInstant:
+    """One vehicle at one instant, its own local frame."""
+
+    hook_ned_m: FloatArray
+    hook_vel_ned_mps: FloatArray
+    pos_var_m2: float
+    """Of the hook's place, each axis."""
+    vel_var_m2ps2: float
+    direction_ned: FloatArray
+    """(3,) from the hook along the cable force."""
+    direction_rate_ned: FloatArray
+    direction_cov: FloatArray
+    """(3, 3)"""
+    rate_var_radps2: float
+    yaw_rad: float
+    winch: float
+
+
+class VehicleTrack:
+    """What one vehicle has told.
+
+    Parameters
+    ----------
+    rig : RiggedVehicle
+    """
+
+    def __init__(self, rig: RiggedVehicle) -> None:
+        self.rig = rig
+        self.refusals: Counter[Refusal] = Counter()
+        self.restarts = 0
+        self.origin: LocalOrigin | None = None
+        self.swing_health = Health.INIT
+        self._streams = {"LOCAL_POSITION_NED": SampleStream(), "ATTITUDE": SampleStream(), "SWING": SampleStream()}
+        if rig.winch:
+            self._streams[f"winch {rig.winch}"] = SampleStream()
+        self._position, self._attitude, self._swing, *winch = self._streams.values()
+        self._winch = winch[0] if winch else None
+        self._swing_var = np.zeros(2)
+        self._angles: FloatArray | None = None
+        self._clock = ClockOffset()
+
+    def take(self, event: VehicleEvent) -> None:
+        """Take what the vehicle tells; never raises, what cannot be used is counted."""
+        match event:
+            case LocalPosition(pos_ned_m=pos, vel_ned_mps=vel):
+                if self._is_usable(event.t_mono_s, event.t_boot_s, (*pos, *vel), VALUE_MAX):
+                    self._add(self._position, event.t_boot_s, np.array(pos), np.array(vel))
+            case Attitude():
+                angles = (event.roll_rad, event.pitch_rad, event.yaw_rad)
+                if self._is_usable(event.t_mono_s, event.t_boot_s, angles, 7.0):
+                    self._add_attitude(event.t_boot_s, np.array(angles))
+            case CableSwing():
+                self._take_swing(event)
+            case WinchTurned(winch=value):
+                if self._winch is not None and self._is_usable(event.t_mono_s, event.t_boot_s, (value,), VALUE_MAX):
+                    self._add(self._winch, event.t_boot_s, np.array([value]))
+            case LocalOrigin():
+                self._take_origin(event)
+            case ClockAnswer(t_mono_s=t_mono_s, sent_s=sent_s, t_boot_s=t_boot_s):
+                numbers = (t_mono_s, sent_s, t_boot_s)
+                if not (all(map(math.isfinite, numbers)) and self._clock.answered(*numbers)):
+                    self.refusals[Refusal.OTHER_CLOCK] += 1
+            case AutopilotRestart():
+                self._restart()
+
+    def clock(self, t_mono_s: float) -> tuple[float, float] | None:
+        """Return host's time minus boot time and its deviation [s]."""
+        return self._clock.offset(t_mono_s)
+
+    def missing(self) -> tuple[str, ...]:
+        """Name what has not been heard."""
+        missing = [name for name, stream in self._streams.items() if stream.newest_s is None]
+        if self.rig.origin_ned_m is None and self.origin is None:
+            missing.append("GPS_GLOBAL_ORIGIN")
+        return tuple(missing)
+
+    def newest_s(self, t_mono_s: float) -> float | None:
+        """Return the host's time of the oldest of its newest samples; None while one is missing."""
+        clock = self.clock(t_mono_s)
+        newest = [stream.newest_s for stream in self._streams.values() if stream.newest_s is not None]
+        if clock is None or self.missing():
+            return None
+        return min(newest) + clock[0]
+
+    def at(self, t_s: float, t_mono_s: float) -> VehicleInstant | None:
+        """Return where it is at the host's time ``t_s``, looked at ``t_mono_s``; None before its samples begin."""
+        clock = self.clock(t_mono_s)
+        if clock is None:
+            return None
+        t_boot_s, clock_std_s = t_s - clock[0], clock[1]
+        position, attitude, swing = (s.at(t_boot_s) for s in (self._position, self._attitude, self._swing))
+        winch = None if self._winch is None else self._winch.at(t_boot_s)
+        if position is None or attitude is None or swing is None or (self._winch is not None and winch is None):
+            return None
+        hook = np.array(self.rig.hook_frd_m)
+        half_s = 0.01
+        rotation = rotation_of(attitude.value)
+        turning = rotation_of(attitude.value + half_s * attitude.rate) - rotation_of(
+            attitude.value - half_s * attitude.rate
+        )
+        speed_mps = float(np.linalg.norm(position.rate))
+        pos_var = (
+            self.rig.pos_std_m**2
+            + (speed_mps * clock_std_s) ** 2
+            + (0.5 * ACC_UNKNOWN_MPS2 * position.carried_s**2) ** 2
+            + float(hook @ hook) * (ATTITUDE_RATE_UNKNOWN_RADPS * attitude.carried_s) ** 2
+        )
+        yaw_rad, yaw_rate = float(attitude.value[2]), float(attitude.rate[2])
+        heading, xi_zeta = rotation_of(np.array([0.0, 0.0, yaw_rad])), swing.value
+        along, across = cable_of(xi_zeta)
+        direction = heading @ along
+        rate = heading @ (across @ swing.rate) + yaw_rate * np.array([-direction[1], direction[0], 0.0])
+        speed_radps = float(np.linalg.norm(rate))
+        further_var = (
+            self.rig.direction_std_rad**2
+            + (speed_radps * clock_std_s) ** 2
+            + (0.5 * SWING_ACC_UNKNOWN_RADPS2 * swing.carried_s**2) ** 2
+        )
+        turned_var = (ATTITUDE_RATE_UNKNOWN_RADPS * attitude.carried_s) ** 2 * (1.0 - float(direction[2]) ** 2)
+        spread = heading @ across
+        cov = spread @ np.diag(self._swing_var) @ spread.T
+        cov += (further_var + turned_var) * (np.eye(3) - np.outer(direction, direction))
+        return VehicleInstant(
+            hook_ned_m=position.value + rotation @ hook,
+            hook_vel_ned_mps=position.rate + turning @ hook / (2.0 * half_s),
+            pos_var_m2=pos_var,
+            vel_var_m2ps2=self.rig.vel_std_mps**2 + (ACC_UNKNOWN_MPS2 * position.carried_s) ** 2,
+            direction_ned=direction,
+            direction_rate_ned=rate,
+            direction_cov=cov,
+            rate_var_radps2=SWING_RATE_PER_ANGLE**2 * (further_var + float(self._swing_var.max()))
+            + (SWING_ACC_UNKNOWN_RADPS2 * swing.carried_s) ** 2,
+            yaw_rad=yaw_rad,
+            winch=0.0 if winch is None else float(winch.value[0]),
+        )
+
+    # ---- samples
+
+    def _is_usable(self, t_mono_s: float, t_boot_s: float, values: tuple[float, ...], limit: float) -> bool:
+        if not all(map(math.isfinite, (t_mono_s, t_boot_s, *values))):
+            self.refusals[Refusal.NOT_FINITE] += 1
+            return False
+        if any(abs(value) > limit for value in values):
+            self.refusals[Refusal.IMPOSSIBLE] += 1
+            return False
+        clock = self.clock(t_mono_s)
+        if clock is not None:
+            delivery_s = t_mono_s - t_boot_s - clock[0]
+            if not -AHEAD_S <= delivery_s <= LATE_S:
+                self.refusals[Refusal.LATE if delivery_s > 0.0 else Refusal.AHEAD] += 1
+                return False
+        self._clock.arrived(t_mono_s, t_boot_s)
+        return True
+
+    def _add(self, stream: SampleStream, t_boot_s: float, value: FloatArray, rate: FloatArray | None = None) -> None:
+        if not stream.add(t_boot_s, value, rate):
+            self.refusals[Refusal.OUT_OF_ORDER] += 1
+
+    def _add_attitude(self, t_boot_s: float, angles: FloatArray) -> None:
+        if self._angles is not None:
+            # Counted on over the turn, so that it can be interpolated.
+            angles = angles + 2.0 * math.pi * np.round((self._angles - angles) / (2.0 * math.pi))
+        self._angles = angles
+        self._add(self._attitude, t_boot_s, angles)
+
+    def _take_swing(self, event: CableSwing) -> None:
+        angles, rates = (event.xi_rad, event.zeta_rad), (event.xi_rate_radps, event.zeta_rate_radps)
+        stds = (event.xi_std_rad, event.zeta_std_rad)
+        if not all(map(math.isfinite, (*angles, *rates, *stds))):
+            self.refusals[Refusal.NOT_FINITE] += 1
+            return
+        self.swing_health = event.health
+        if event.health in (Health.INIT, Health.FAULT) or not all(0.0 <= std <= STD_MAX_RAD for std in stds):
+            self.refusals[Refusal.SWING_NOT_GOOD] += 1
+            return
+        if max(map(abs, angles)) > SWING_MAX_RAD:
+            self.refusals[Refusal.IMPOSSIBLE] += 1
+            return
+        if self._is_usable(event.t_mono_s, event.t_boot_s, (*angles, *rates, *stds), 100.0):
+            self._swing_var = np.square(stds)
+            self._add(self._swing, event.t_boot_s, np.array(angles), np.array(rates))
+
+    def _take_origin(self, origin: LocalOrigin) -> None:
+        numbers = (origin.lat_rad, origin.lon_rad, origin.alt_amsl_m, origin.earth_radius_m)
+        if not all(map(math.isfinite, numbers)):
+            self.refusals[Refusal.NOT_FINITE] += 1
+            return
+        before = self.origin
+        self.origin = origin
+        if before is not None and (before.lat_rad, before.lon_rad, before.alt_amsl_m) != numbers[:3]:
+            # Positions before and after are of two frames.
+            self._position.clear()
+
+    def _restart(self) -> None:
+        """Forget everything that belongs to the clock and the frame before."""
+        self.restarts += 1
+        for stream in self._streams.values():
+            stream.clear()
+        self._clock = ClockOffset()
+        self._angles = None
+        self.origin = None
+
+
+def rotation_of(angles_rad: FloatArray) -> FloatArray:
+    """Return ned_from_frd (3, 3) of roll, pitch, yaw."""
+    (s_r, s_p, s_y), (c_r, c_p, c_y) = np.sin(angles_rad), np.cos(angles_rad)
+    return np.array(
+        [
+            [c_p * c_y, s_r * s_p * c_y - c_r * s_y, c_r * s_p * c_y + s_r * s_y],
+            [c_p * s_y, s_r * s_p * s_y + c_r * c_y, c_r * s_p * s_y - s_r * c_y],
+            [-s_p, s_r * c_p, c_r * c_p],
+        ]
+    )
+
+
+def cable_of(xi_zeta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the cable's direction (3,) in the heading frame, and its derivative by xi and zeta, (3, 2)."""
+    (s_xi, s_zeta), (c_xi, c_zeta) = np.sin(xi_zeta_rad), np.cos(xi_zeta_rad)
+    along = np.array([s_zeta, -s_xi * c_zeta, c_xi * c_zeta])
+    across = np.array([[0.0, c_zeta], [-c_xi * c_zeta, s_xi * s_zeta], [-s_xi * c_zeta, -c_xi * s_zeta]])
+    return along, across
+
+
+def offset_ned_m(origin: LocalOrigin, reference: LocalOrigin) -> Vec3:
+    """Return where an origin lies in the frame of another: azimuthal equidistant, as autopilots map degrees.
+
+    On the autopilot's own sphere, because its local positions are of it: so two vehicles in one place agree.
+    """
+    d_lon = origin.lon_rad - reference.lon_rad
+    sin_0, cos_0 = math.sin(reference.lat_rad), math.cos(reference.lat_rad)
+    sin_1, cos_1 = math.sin(origin.lat_rad), math.cos(origin.lat_rad)
+    north, east = cos_0 * sin_1 - sin_0 * cos_1 * math.cos(d_lon), cos_1 * math.sin(d_lon)
+    sine = math.hypot(north, east)
+    arc = math.atan2(sine, sin_0 * sin_1 + cos_0 * cos_1 * math.cos(d_lon))
+    scale_m = origin.earth_radius_m * (arc / sine if sine > 0.0 else 1.0)
+    return scale_m * north, scale_m * east, reference.alt_amsl_m - origin.alt_amsl_m
