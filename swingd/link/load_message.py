@@ -73,7 +73,7 @@ def odometry(report: FormationReport) -> Any | None:
 
 
 def load_pose(report: FormationReport) -> Any:
-    """Return the DEBUG_FLOAT_ARRAY of a report; ``time_usec`` is the instant of the pose, or of the tick without one."""
+    """Return the DEBUG_FLOAT_ARRAY of a report; ``time_usec`` is that of its pose, else of the tick."""
     motion = report.motion
     used = sum(vehicle.used for vehicle in report.vehicles)
     data = [float(HEALTH_CODES[report.health]), float(used), float(report.resets % 256)]

@@ -23,7 +23,7 @@ from swingd.model.formation import (
 )
 from swingd.pipeline.formation.clock import Least
 from swingd.pipeline.formation.sights import Sighting, look, motion_of
-from swingd.pipeline.formation.vehicle import VehicleTrack, offset_ned_m
+from swingd.pipeline.formation.vehicle import VehicleInstant, VehicleTrack, offset_ned_m
 
 SETTLE_S = 0.5
 """Without a doubt for so long, and it is good again."""
@@ -32,6 +32,7 @@ ADVANCE_MIN = 0.2
 """Of a tick: the instant of the pose never stands still nor goes back."""
 CHI2_Z = 5.0
 """Deviations of a normal by which the residuals may exceed what they should be."""
+SOON_S = 0.01
 ORIGINS_MAX_M = 2000.0
 """Local frames whose origins lie further apart are turned against each other."""
 _POSITION_FIRST = np.array([3, 4, 5, 0, 1, 2])
@@ -88,13 +89,17 @@ class Formation:
         ages = [None if s is None else max(t_mono_s - s, 0.0) for s in newest]
         used = [k for k, age in enumerate(ages) if age is not None and age <= parameters.lost_s]
         doubts = self._doubts(ages)
+        instant_s = self._advance(t_mono_s, ages, used)
+        # One that was heard since shortly only begins after the instant.
+        found = {k: now for k in used if (now := self.tracks[k].at(instant_s, t_mono_s)) is not None}
         motion, problem = None, ""
-        if len(used) < VEHICLES_MIN:
-            problem = f"{len(used)} of {len(self.tracks)} vehicles heard, {VEHICLES_MIN} needed"
+        silent = len(found) < VEHICLES_MIN
+        if silent:
+            problem = f"{len(found)} of {len(self.tracks)} vehicles heard, {VEHICLES_MIN} needed"
             problem += "".join(f"; {doubt}" for doubt in doubts)
         else:
-            motion, problem = self._motion(t_mono_s, self._advance(t_mono_s, ages, used), used, doubts)
-        health, reason = self._judge(t_mono_s, problem, doubts, bool(len(used) < VEHICLES_MIN))
+            motion, problem = self._motion(t_mono_s, instant_s, found, doubts)
+        health, reason = self._judge(t_mono_s, problem, doubts, silent)
         self._last_step_s = t_mono_s
         clocks = [track.clock(t_mono_s) for track in self.tracks]
         return FormationReport(
@@ -103,7 +108,7 @@ class Formation:
             reason=reason,
             motion=motion,
             vehicles=tuple(
-                VehicleCondition(age, k in used, None if clock is None else clock[1], track.missing())
+                VehicleCondition(age, k in found, None if clock is None else clock[1], track.missing())
                 for k, (track, age, clock) in enumerate(zip(self.tracks, ages, clocks, strict=True))
             ),
             resets=self._resets,
@@ -114,6 +119,8 @@ class Formation:
 
     def _advance(self, t_mono_s: float, ages: list[float | None], used: list[int]) -> float:
         """Choose the instant of the pose."""
+        if not used:
+            return self._instant_s
         delay_s = 0.0
         for k in used:
             age = ages[k]
@@ -129,26 +136,23 @@ class Formation:
     # ---- pose
 
     def _motion(
-        self, t_mono_s: float, instant_s: float, used: list[int], doubts: list[str]
+        self, t_mono_s: float, instant_s: float, found: Mapping[int, VehicleInstant], doubts: list[str]
     ) -> tuple[LoadMotion | None, str]:
+        """Find pose and motion from the vehicles at one instant; or say why not."""
         sightings: list[Sighting] = []
-        winches: list[float] = []
-        for k in used:
+        winches: list[tuple[float, float]] = []
+        for k, now in found.items():
             track = self.tracks[k]
             offset = self._offset_ned_m(track)
             if offset is None:
                 return None, f"system {track.rig.system_id}: its origin is over {ORIGINS_MAX_M:g} m from the others'"
-            now = track.at(instant_s, t_mono_s)
-            if now is None:
-                # Heard since shortly only: its samples begin after the instant.
-                return None, f"system {track.rig.system_id}: nothing of it is old enough yet"
             sighting = look(track.rig, now, offset)
             if sighting is None:
                 return None, f"system {track.rig.system_id}: tethers of such lengths cannot be"
             sightings.append(sighting)
             if track.rig.winch:
-                winches.append(now.winch)
-        known = self._known_angles(winches, doubts)
+                winches.append((now.winch, now.winch_rate))
+        known, pitch_rate = self._known_angles(winches, doubts)
         if not self._known:
             # The search for the attitude begins with the vehicles' mean heading.
             yaws = np.array([sighting.instant.yaw_rad for sighting in sightings])
@@ -156,11 +160,11 @@ class Formation:
         status, pose = self._solver.solve([sight for one in sightings for sight in one.sights], known)
         if pose is None:
             return None, _WHY.get(status, "no pose fits what the vehicles tell")
-        found = motion_of(pose, sightings, known.roll_std_rad, known.pitch_std_rad)
-        if found is None:
+        moving = motion_of(pose, sightings, known.roll_std_rad, known.pitch_std_rad, pitch_rate)
+        if moving is None:
             return None, _WHY[Status.NOT_POSITIVE]
         self._contradictions(t_mono_s, pose, doubts)
-        vel, rate, motion_cov = found
+        vel, rate, motion_cov = moving
         return LoadMotion(
             instant_s,
             pose.pos_ned_m,
@@ -184,21 +188,26 @@ class Formation:
         offset = offset_ned_m(track.origin, self._origin)
         return offset if math.dist(offset, (0.0, 0.0, 0.0)) <= ORIGINS_MAX_M else None
 
-    def _known_angles(self, winches: list[float], doubts: list[str]) -> KnownAngles:
+    def _known_angles(self, winches: list[tuple[float, float]], doubts: list[str]) -> tuple[KnownAngles, float]:
+        """Return what is known without the tethers, and the rate of the pitch that the winches give."""
         load = self.parameters.load
-        pitch_rad, pitch_std = load.pitch_rad, load.pitch_std_rad
+        pitch_rad, pitch_std, pitch_rate = load.pitch_rad, load.pitch_std_rad, 0.0
         if self._table is not None:
-            winch = sum(winches) / len(winches) if winches else 0.0
+            winch, rate = (sum(values) / len(winches) for values in zip(*winches, strict=True)) if winches else (0, 0)
             status, pitch_rad = self._table.pitch_rad(0.0, winch)
-            if status is not Status.OK:
+            if status is Status.OK:
+                ahead, soon_rad = self._table.pitch_rad(0.0, winch + SOON_S * rate)
+                pitch_rate = (soon_rad - pitch_rad) / SOON_S if ahead is Status.OK else 0.0
+            else:
                 doubts.append(f"winch at {winch:.3g}, beyond its table")
                 pitch_std = None
-        return KnownAngles(
+        known = KnownAngles(
             roll_rad=load.roll_rad,
             pitch_rad=pitch_rad,
             roll_std_rad=math.inf if load.roll_std_rad is None else load.roll_std_rad,
             pitch_std_rad=math.inf if pitch_std is None else pitch_std,
         )
+        return known, pitch_rate
 
     # ---- health
 

@@ -21,6 +21,8 @@ class Sighting:
     """What one vehicle's cables tell at an instant."""
 
     sights: tuple[TetherSight, ...]
+    length_rates_mps: tuple[float, ...]
+    """At which each sight's tether gets longer."""
     instant: VehicleInstant
 
 
@@ -47,13 +49,14 @@ def look(rig: RiggedVehicle, instant: VehicleInstant, offset_ned_m: Vec3) -> Sig
     lengths = [tether.length_m + tether.winch_gain * instant.winch for tether in rig.tethers]
     if not all(length > 0.0 for length in lengths):
         return None
+    rates = tuple(tether.winch_gain * instant.winch_rate for tether in rig.tethers)
     mean_m = sum(lengths) / len(lengths)
     across = np.eye(3) - np.outer(instant.direction_ned, instant.direction_ned)
     cov = instant.direction_cov + instant.pos_var_m2 / mean_m**2 * across
     stds = [math.sqrt(tether.length_std_m**2 + len(lengths) * instant.pos_var_m2) for tether in rig.tethers]
     if len(lengths) == 1:
         sight = TetherSight(hook, instant.direction_ned, cov, lengths[0], stds[0], rig.tethers[0].anchor_frd_m)
-        return Sighting((sight,), instant)
+        return Sighting((sight,), rates, instant)
     anchor = force_anchor(rig, lengths, instant.direction_ned)
     if anchor is None:
         return None
@@ -66,6 +69,7 @@ def look(rig: RiggedVehicle, instant: VehicleInstant, offset_ned_m: Vec3) -> Sig
                 for tether, length, std in zip(rig.tethers, lengths, stds, strict=True)
             ),
         ),
+        (0.0, *rates),
         instant,
     )
 
@@ -99,12 +103,16 @@ def force_anchor(rig: RiggedVehicle, lengths: list[float], direction_ned: FloatA
 
 
 def motion_of(
-    pose: LoadPose, sightings: list[Sighting], roll_std_rad: float, pitch_std_rad: float
+    pose: LoadPose,
+    sightings: list[Sighting],
+    roll_std_rad: float,
+    pitch_std_rad: float,
+    pitch_rate_radps: float = 0.0,
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Find velocity and rates of the load from those of hooks and cables, by least squares.
 
-    The derivative of every sight, at the pose that was found: a length keeps its length, a direction turns at the rate
-    that is told.
+    The derivative of every sight, at the pose that was found: a length changes by what its winch turns, a direction at
+    the rate that is told.
 
     Parameters
     ----------
@@ -113,6 +121,8 @@ def motion_of(
         Those that the pose was found from.
     roll_std_rad, pitch_std_rad : float
         Of the angles that were known without the tethers; infinite where they were not. They keep still but for swing.
+    pitch_rate_radps : float
+        That the winches give the load.
 
     Returns
     -------
@@ -124,7 +134,7 @@ def motion_of(
     R = pose.ned_from_frd
     for sighting in sightings:
         now = sighting.instant
-        for sight in sighting.sights:
+        for sight, length_rate in zip(sighting.sights, sighting.length_rates_mps, strict=True):
             anchor = np.array(sight.anchor_frd_m)
             line = pose.pos_ned_m + R @ anchor - sight.hook_ned_m
             length_m = float(np.linalg.norm(line))
@@ -135,7 +145,7 @@ def motion_of(
             effect = np.hstack([np.eye(3), -R @ cross])
             if math.isfinite(sight.length_std_m):
                 rows.append(unit @ effect)
-                told.append(float(unit @ now.hook_vel_ned_mps))
+                told.append(float(unit @ now.hook_vel_ned_mps) + length_rate)
                 stds.append(math.sqrt(now.vel_var_m2ps2 * max(len(sighting.sights) - 1, 1)))
             if sight.direction_cov is None:
                 continue
@@ -147,11 +157,14 @@ def motion_of(
                 stds.append(math.sqrt(now.rate_var_radps2 + now.vel_var_m2ps2 / length_m**2))
     s_r, c_r = math.sin(pose.roll_rad), math.cos(pose.roll_rad)
     t_p = math.tan(pose.pitch_rad)
-    known = (((1.0, s_r * t_p, c_r * t_p), roll_std_rad), ((0.0, c_r, -s_r), pitch_std_rad))
-    for euler_rate, std_rad in known:
+    known = (
+        ((1.0, s_r * t_p, c_r * t_p), 0.0, roll_std_rad),
+        ((0.0, c_r, -s_r), pitch_rate_radps, pitch_std_rad),
+    )
+    for euler_rate, value, std_rad in known:
         if math.isfinite(std_rad):
             rows.append(np.array([0.0, 0.0, 0.0, *euler_rate]))
-            told.append(0.0)
+            told.append(value)
             stds.append(PITCH_RATE_PER_ANGLE * std_rad)
     weighted = np.array(rows) / np.array(stds)[:, None]
     information = weighted.T @ weighted

@@ -11,7 +11,8 @@ from swingd.model.estimate import FloatArray
 KEPT_S = 2.0
 KEPT_MAX = 1024
 """Samples, so that no flood fills the memory."""
-SLOPE_WITHIN_S = 0.3
+SLOPE_S = 0.1
+SLOPE_MAX_S = 0.3
 """Two samples further apart tell no rate."""
 
 
@@ -82,7 +83,10 @@ class SampleStream:
         return Reading(value, rate + s * (rate_after - rate), 0.0)
 
     def _slope(self, right: int) -> FloatArray:
-        """Rate between a sample and the one before it."""
-        step_s = self._t[right] - self._t[right - 1]
-        between: FloatArray = self._values[right] - self._values[right - 1]
-        return between / step_s if step_s <= SLOPE_WITHIN_S else np.zeros_like(between)
+        """Rate from the samples of the last `SLOPE_S` before one, at least two: samples are noisy."""
+        left = right - 1
+        while left > 0 and self._t[right] - self._t[left - 1] <= SLOPE_S:
+            left -= 1
+        step_s = self._t[right] - self._t[left]
+        between: FloatArray = self._values[right] - self._values[left]
+        return between / step_s if step_s <= SLOPE_MAX_S else np.zeros_like(between)

@@ -68,6 +68,8 @@ class VehicleInstant:
     rate_var_radps2: float
     yaw_rad: float
     winch: float
+    winch_rate: float
+    """Per second."""
 
 
 class VehicleTrack:
@@ -186,6 +188,7 @@ class VehicleTrack:
             + (SWING_ACC_UNKNOWN_RADPS2 * swing.carried_s) ** 2,
             yaw_rad=yaw_rad,
             winch=0.0 if winch is None else float(winch.value[0]),
+            winch_rate=0.0 if winch is None else float(winch.rate[0]),
         )
 
     # ---- samples
