@@ -12,6 +12,7 @@ from swingd.cli import options, process
 
 if TYPE_CHECKING:
     from swingd.identify.thrust_curve import ThrustCurve
+    from swingd.model.parameters import Parameters
 
 EXAMPLES = """\b
 Examples:
@@ -88,16 +89,14 @@ def thrust(
     typer.echo(f"\nto paste:\n\n{curve.yaml()}")
 
 
-def _from_hover(source: Path, parameters: "object", without_load: bool, quiet: bool) -> "ThrustCurve":
+def _from_hover(source: Path, parameters: "Parameters | None", without_load: bool, quiet: bool) -> "ThrustCurve":
     from swingd.cli.progress import bar
     from swingd.config.loader import parameters_from_json
     from swingd.identify.thrust_curve import fit_hover, hover_rows
     from swingd.model.errors import LogFormatError
-    from swingd.model.parameters import Parameters
     from swingd.replay import replay
 
     process.announce_compilation()
-    assert parameters is None or isinstance(parameters, Parameters)
     with bar(f"replaying {source.name}", quiet=quiet) as advance:
         run = replay(source, parameters, parameters_from_json, advance)
     used = run.parameters

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,8 @@ BLOCKS = 10
 QUIET_RATE_RADPS = 0.15
 QUIET_ACC_MPS2 = 0.4
 QUIET_TILT_RAD = math.radians(12.0)
+FLOWN_SHARE = 0.4
+"""Of the thrust needed: where the configured curve gives less, the vehicle stood on the ground."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,7 +302,7 @@ def fit_hover(rows: Sequence[HoverRow], thrust: Thrust) -> ThrustCurve:
     Raises
     ------
     LogFormatError
-        If there are fewer than `WINDOWS_MIN` quiet seconds, or the configured curve is not positive there.
+        If there are fewer than `WINDOWS_MIN` quiet seconds in the air, or the configured curve is another vehicle's.
 
     Notes
     -----
@@ -307,16 +310,19 @@ def fit_hover(rows: Sequence[HoverRow], thrust: Thrust) -> ThrustCurve:
     `BLOCKS` consecutive stretches. Scale and exponent tell the curve only near the hover's throttle, and the exponent
     leans on the configured curve's slope there.
     """
-    if len(rows) < WINDOWS_MIN:
-        raise LogFormatError(f"{len(rows)} quiet seconds of hover; expected at least {WINDOWS_MIN}")
-    x, voltage, force = (
-        np.array(column) for column in zip(*((r.throttle, r.voltage_v, r.thrust_n) for r in rows), strict=True)
-    )
-    curve = (thrust.quadratic_n * x + thrust.linear_n) * x + thrust.offset_n
-    if not ((curve > 0.0).all() and (force > 0.0).all()):
+    flown = [row for row in rows if _curve_n(thrust, row.throttle) > FLOWN_SHARE * row.thrust_n > 0.0]
+    if rows and not flown:
+        first = rows[0]
         raise LogFormatError(
-            "the configured thrust curve is not positive at this hover's throttle; expected the vehicle's own"
+            f"the configured curve gives {_curve_n(thrust, first.throttle):.3g} N at throttle {first.throttle:.2f}, "
+            f"where {first.thrust_n:.3g} N were flown; expected the curve of this vehicle"
         )
+    if len(flown) < WINDOWS_MIN:
+        raise LogFormatError(f"{len(flown)} quiet seconds of hover; expected at least {WINDOWS_MIN}")
+    x, voltage, force = (
+        np.array(column) for column in zip(*((r.throttle, r.voltage_v, r.thrust_n) for r in flown), strict=True)
+    )
+    curve = np.asarray(_curve_n(thrust, x))
     ratio = voltage / thrust.voltage_nominal_v
     spread = float(np.ptp(voltage)) / thrust.voltage_nominal_v
     fitted = spread >= VOLTAGE_SPREAD_MIN
@@ -331,9 +337,9 @@ def fit_hover(rows: Sequence[HoverRow], thrust: Thrust) -> ThrustCurve:
         found: FloatArray = np.linalg.lstsq(columns, left)[0]
         return found
 
-    everything = np.ones(len(rows), dtype=bool)
+    everything = np.ones(len(flown), dtype=bool)
     log_scale, exponent = solve(everything).tolist()
-    blocks = np.array_split(np.arange(len(rows)), BLOCKS)
+    blocks = np.array_split(np.arange(len(flown)), BLOCKS)
     parts = []
     for block in blocks:
         keep = everything.copy()
@@ -354,6 +360,11 @@ def fit_hover(rows: Sequence[HoverRow], thrust: Thrust) -> ThrustCurve:
         "" if fitted else f"configured; the voltage differed by {100.0 * spread:.1f} % only",
         float(np.sqrt(np.mean((told - force) ** 2))), x, voltage, force, from_hover=True,
     )  # fmt: skip
+
+
+def _curve_n(thrust: Thrust, throttle: Any) -> Any:
+    """Configured curve at nominal voltage [N]."""
+    return (thrust.quadratic_n * throttle + thrust.linear_n) * throttle + thrust.offset_n
 
 
 def _linear(columns: FloatArray, force: FloatArray) -> tuple[FloatArray, float]:

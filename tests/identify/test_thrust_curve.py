@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -111,6 +112,19 @@ def test_motor_outputs_are_taken_as_their_mean_and_hover_without_load_is_lighter
     np.testing.assert_allclose([r.throttle for r in with_motors], [r.throttle for r in with_throttle])
     assert with_motors[0].thrust_n == pytest.approx(1.5 * GRAVITY_MPS2, rel=0.02)
     assert hover_rows(imu, attitudes, [], batteries, [(0.0, 120.0)], 1.5, 0.0) == []
+
+
+def test_standing_on_the_ground_is_no_hover():
+    guessed = Thrust(quadratic_n=4 * A, linear_n=4 * B, offset_n=4 * C, voltage_nominal_v=V0)
+    rows = hover_rows(*hover(np.random.default_rng(3)), [(0.0, 120.0)], 1.5, 0.3)
+    ground = [replace(row, throttle=0.05) for row in rows[:40]]
+    with_ground, without = fit_hover([*ground, *rows], guessed), fit_hover(rows, guessed)
+    assert with_ground.exponent == without.exponent
+    assert with_ground.quadratic_n == without.quadratic_n
+    with pytest.raises(
+        LogFormatError, match=r"gives 0.89 N at throttle 0.05, where .* N were flown; expected the curve"
+    ):
+        fit_hover(ground, guessed)
 
 
 def test_a_flight_without_hover_is_refused():

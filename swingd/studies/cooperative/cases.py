@@ -6,14 +6,17 @@ mean of the seeds 1 to 3; then frozen. Ours was tuned on the same seeds. Figures
 """
 
 from dataclasses import replace
-from math import inf, radians
+from math import cos, inf, radians, sin
 
 import numpy as np
 
+from swingd.core.constants import GRAVITY_MPS2
 from swingd.model.estimate import FloatArray
-from swingd.studies.cooperative.estimate import Tuning
-from swingd.studies.cooperative.flight import Course, Scenario, smooth
+from swingd.studies.cooperative import vehicles as v
+from swingd.studies.cooperative.estimate import FORCE_STD_MIN_N, Tuning
+from swingd.studies.cooperative.flight import SAMPLE_S, Course, Scenario, smooth
 from swingd.studies.cooperative.measure import Noise
+from swingd.studies.cooperative.paper_filter import AngleNoise
 
 HEIGHT_M = 1.0
 ATTITUDE_FROM_S = (3.0, 15.0, 27.0)
@@ -77,6 +80,13 @@ VIBRATION = replace(NOISE, vibration_mps2=2.0)
 
 TUNING = Tuning()
 UNFILTERED = Tuning(low_pass_hz=inf)
+_TENSION_N = 0.5 * v.LOAD_MASS_KG * GRAVITY_MPS2 / cos(EXPERIMENT.lean_rad)
+_DIRECTION_VAR = ((v.MASS_KG * NOISE.acc_mps2) ** 2 + FORCE_STD_MIN_N**2) / _TENSION_N**2
+_SIGMA = TUNING.acc_density / SAMPLE_S**0.5
+RETUNED = AngleNoise(
+    _SIGMA, _SIGMA / sin(EXPERIMENT.lean_rad), _DIRECTION_VAR, _DIRECTION_VAR / sin(EXPERIMENT.lean_rad) ** 2
+)
+"""The paper's filter with the noises that ours has: how much of the difference is nothing but sigma and R."""
 STEPS = {
     "on the sphere": Tuning(low_pass_hz=inf, anchor_geometry=False),
     "filtered": Tuning(anchor_geometry=False),

@@ -6,8 +6,7 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from swingd.studies.cooperative import paper
-from swingd.studies.cooperative.cases import STEPS
-from swingd.studies.cooperative.study import CASES, PRINTED
+from swingd.studies.cooperative.study import CASES, PRINTED, STEP_NAMES
 from swingd.studies.seeds import Figures
 from swingd.studies.tables import Table, markdown, number, percent, with_spread
 
@@ -42,7 +41,7 @@ def rows(mean: Figures, spread: Figures) -> Iterator[Row]:
     nan = float("nan")
     for scenario, _ in CASES:
         case = scenario.name
-        for estimator in ("paper", *(STEPS if case == "experiment" else ()), "ours"):
+        for estimator in ("paper", *(STEP_NAMES if case == "experiment" else ()), "ours"):
             group, change = f"{case}/{estimator}", f"{case}/{estimator}/change_percent"
             for state, unit in paper.UNITS.items():
                 told = case == "experiment" and estimator == "paper"
@@ -108,7 +107,7 @@ def _table3(mean: Figures, spread: Figures, seeds: int, what: str, printed: dict
 def _steps(mean: Figures) -> Table:
     body = [
         (name, *(number(mean[f"experiment/{name}"][state], 3) for state in paper.UNITS))
-        for name in ("paper", *STEPS, "ours")
+        for name in ("paper", *STEP_NAMES, "ours")
     ]
     return ("estimator", *(f"{state} [{unit}]" for state, unit in paper.UNITS.items())), body
 

@@ -17,6 +17,7 @@ from swingd.studies.cooperative.cases import (
     NOISE,
     POSITION,
     QUIET,
+    RETUNED,
     STEPS,
     TUNING,
     UNFILTERED,
@@ -32,6 +33,8 @@ SETTLED_S = 2.0
 LOST_RAD = np.radians(45.0)
 """A direction so far from the truth is no estimate."""
 PRINTED = "printed"
+STEP_NAMES = ("retuned", *STEPS)
+"""Between ``paper`` and ``ours``."""
 CASES: tuple[tuple[Scenario, Noise], ...] = ((ATTITUDE, QUIET), (POSITION, QUIET), (EXPERIMENT, NOISE))
 
 
@@ -75,6 +78,7 @@ def fly_all(seed: int, watch: Callable[[float], None] = lambda _share: None) -> 
             "ours": our_track(carriers, noise, table, TUNING),
         }
         if noisy:
+            tracks["retuned"] = paper_track(carriers, RETUNED, table)
             tracks |= {name: our_track(carriers, noise, table, tuning) for name, tuning in STEPS.items()}
         cases[scenario.name] = Case(flight, tracks)
         watch(done / len(CASES))
@@ -125,7 +129,7 @@ def judge(study: Study) -> Figures:
             figures[f"{name}/{variant}"] = rmse(off)
             figures[f"{name}/{variant}/largest"] = dict(zip(paper.UNITS, np.abs(off).max(axis=0).tolist(), strict=True))
     theirs = figures["experiment/paper"]
-    for variant in (*STEPS, "ours"):
+    for variant in (*STEP_NAMES, "ours"):
         figures[f"experiment/{variant}/change_percent"] = {
             state: 100.0 * (value / theirs[state] - 1.0) for state, value in figures[f"experiment/{variant}"].items()
         }
@@ -187,7 +191,7 @@ def as_object(mean: Figures, spread: Figures, seeds: int) -> dict[str, Any]:
             for case in ("attitude", "position")
         },
         "vibration": {variant: mean[f"vibration/{variant}"] for variant in ("paper", "unfiltered", "ours")},
-        "steps": {name: mean[f"experiment/{name}"] for name in STEPS},
+        "steps": {name: mean[f"experiment/{name}"] for name in STEP_NAMES},
         "printed_held_s": {scenario.name: mean[f"{scenario.name}/{PRINTED}"]["held_s"] for scenario, _ in CASES},
         "hover": mean["hover"],
     }
