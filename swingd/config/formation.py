@@ -84,7 +84,7 @@ class _Load(_Group):
 
 class _Formation(_Group):
     vehicles: list[_Vehicle] = Field(min_length=VEHICLES_MIN, max_length=VEHICLES_MAX)
-    load: _Load = _Load()
+    load: _Load = Field(default_factory=lambda: _Load.model_validate({}))
     outputs: list[_Url] = Field([], max_length=OUTPUTS_MAX)
     system_id: _Id = _default(FormationParameters, "system_id")
     rate_hz: float = Field(_default(FormationParameters, "rate_hz"), ge=1.0, le=100.0, allow_inf_nan=False)
