@@ -130,7 +130,7 @@ def _read(source: Source) -> Draft:
     try:
         loader = Loader(text)
         root = loader.get_single_node()
-        values = {} if root is None else _walk(draft, loader, root, ())
+        values = {} if root is None else _walk(draft, loader, root, (), set())
     except (yaml.YAMLError, ValueError) as error:
         raise ConfigurationError(f"{source.name}: {yaml_problem(error)}") from None
     if isinstance(values, dict):
@@ -140,8 +140,16 @@ def _read(source: Source) -> Draft:
     return draft
 
 
-def _walk(draft: Draft, loader: Any, node: yaml.Node, path: tuple[str, ...]) -> Any:
-    """Construct plain values, noting the line of every key and item."""
+def _walk(draft: Draft, loader: Any, node: yaml.Node, path: tuple[str, ...], seen: set[int]) -> Any:
+    """Construct plain values, noting the line of every key and item.
+
+    Nothing is walked twice: aliases within aliases could be larger than any memory.
+    """
+    if isinstance(node, yaml.CollectionNode):
+        if id(node) in seen:
+            draft.refuse(".".join(path), "an alias of a group or list; expected it written out")
+            return None
+        seen.add(id(node))
     if isinstance(node, yaml.MappingNode):
         group: dict[str, Any] = {}
         for key_node, value_node in node.value:
@@ -150,13 +158,13 @@ def _walk(draft: Draft, loader: Any, node: yaml.Node, path: tuple[str, ...]) -> 
             if key in group:
                 draft.refuse(name, f"given again, first on line {draft.places[name]}; expected each key once", line)
             draft.places[name] = line
-            group[key] = _walk(draft, loader, value_node, (*path, key))
+            group[key] = _walk(draft, loader, value_node, (*path, key), seen)
         return group
     if isinstance(node, yaml.SequenceNode):
         items = []
         for place, item in enumerate(node.value, 1):
             draft.places[".".join((*path, str(place)))] = item.start_mark.line + 1
-            items.append(_walk(draft, loader, item, (*path, str(place))))
+            items.append(_walk(draft, loader, item, (*path, str(place)), seen))
         return items
     return loader.construct_object(node, deep=True)
 
