@@ -220,7 +220,7 @@ class Formation:
             elif age > self.parameters.lost_s:
                 doubts.append(f"{name}: lost")
             elif age > self.parameters.late_s:
-                doubts.append(f"{name}: late")
+                doubts.append(f"{name}: {track.oldest()} late")
             elif track.swing_health is Health.DEGRADED:
                 doubts.append(f"{name}: its swingd is degraded")
         return doubts

@@ -86,6 +86,7 @@ class VehicleTrack:
         self.restarts = 0
         self.origin: LocalOrigin | None = None
         self.swing_health = Health.INIT
+        self._swing_heard = False
         self._streams = {"LOCAL_POSITION_NED": SampleStream(), "ATTITUDE": SampleStream(), "SWING": SampleStream()}
         if rig.winch:
             self._streams[f"winch {rig.winch}"] = SampleStream()
@@ -125,10 +126,20 @@ class VehicleTrack:
 
     def missing(self) -> tuple[str, ...]:
         """Name what has not been heard."""
-        missing = [name for name, stream in self._streams.items() if stream.newest_s is None]
+        missing = [self._told(name) for name, stream in self._streams.items() if stream.newest_s is None]
         if self.rig.origin_ned_m is None and self.origin is None:
             missing.append("GPS_GLOBAL_ORIGIN")
         return tuple(missing)
+
+    def oldest(self) -> str:
+        """Name the stream that was silent for longest."""
+        heard = {name: stream.newest_s for name, stream in self._streams.items() if stream.newest_s is not None}
+        return self._told(min(heard, key=lambda name: heard[name])) if heard else ""
+
+    def _told(self, name: str) -> str:
+        """Name a stream; an estimate that comes and is not good is not silent."""
+        is_refused = name == "SWING" and self.swing_health in (Health.INIT, Health.FAULT) and self._swing_heard
+        return f"good SWING (its swingd: {self.swing_health.value})" if is_refused else name
 
     def newest_s(self, t_mono_s: float) -> float | None:
         """Return the host's time of the oldest of its newest samples; None while one is missing."""
@@ -226,7 +237,7 @@ class VehicleTrack:
         if not all(map(math.isfinite, (*angles, *rates, *stds))):
             self.refusals[Refusal.NOT_FINITE] += 1
             return
-        self.swing_health = event.health
+        self.swing_health, self._swing_heard = event.health, True
         if event.health in (Health.INIT, Health.FAULT) or not all(0.0 <= std <= STD_MAX_RAD for std in stds):
             self.refusals[Refusal.SWING_NOT_GOOD] += 1
             return
