@@ -5,7 +5,7 @@ import difflib
 from collections.abc import Iterator
 from math import radians
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
@@ -22,6 +22,7 @@ from swingd.model.formation import (
     TETHERS_MAX,
     VEHICLES_MAX,
     VEHICLES_MIN,
+    DirectionSource,
     FormationParameters,
     RiggedTether,
     RiggedVehicle,
@@ -71,6 +72,7 @@ class _Vehicle(_Group):
     pos_std_m: float = Field(_default(RiggedVehicle, "pos_std_m"), ge=1e-4, le=100.0, allow_inf_nan=False)
     vel_std_mps: float = Field(_default(RiggedVehicle, "vel_std_mps"), ge=1e-4, le=100.0, allow_inf_nan=False)
     direction_std_deg: _Deviation = 1.0
+    direction: Literal["swing", "force"] = _default(RiggedVehicle, "direction").value
     winch: Annotated[str, Field(min_length=1, max_length=10)] | None = None
 
 
@@ -339,6 +341,7 @@ def _parameters(formation: _Formation) -> FormationParameters:
                 pos_std_m=vehicle.pos_std_m,
                 vel_std_mps=vehicle.vel_std_mps,
                 direction_std_rad=radians(vehicle.direction_std_deg),
+                direction=DirectionSource(vehicle.direction),
                 winch=vehicle.winch or "",
             )
             for vehicle in formation.vehicles

@@ -14,8 +14,10 @@ from swingd.link.telemetry import Telemetry
 from swingd.model.actions import Health
 from swingd.model.events import AutopilotKind, AutopilotRestart, Event, Stream
 from swingd.model.formation import (
+    CableForce,
     CableSwing,
     ClockAnswer,
+    DirectionSource,
     LocalOrigin,
     RiggedVehicle,
     VehicleEvent,
@@ -144,6 +146,12 @@ class FormationListener:
         report = swing_message.decode(message)
         if report is None:
             return []
+        if self.rig.direction is DirectionSource.FORCE:
+            force = report.disturbance
+            # Where none is estimated there is nothing to be told.
+            return (
+                [] if force is None else [CableForce(t_mono_s, report.t_boot_s, force.force_ned_n, force.force_std_n)]
+            )
         return [
             CableSwing(
                 t_mono_s,

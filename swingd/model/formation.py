@@ -1,6 +1,7 @@
 """Several vehicles that carry one load: how they are rigged, what they tell, and what follows from it."""
 
 from dataclasses import dataclass
+from enum import Enum
 
 from swingd.model.actions import Health
 from swingd.model.estimate import FloatArray
@@ -10,6 +11,16 @@ VEHICLES_MAX = 8
 VEHICLES_MIN = 2
 TETHERS_MAX = 2
 """Of one vehicle: where the force of more than two tethers points is not told by their lengths."""
+
+
+class DirectionSource(Enum):
+    """What tells the direction of a vehicle's cable."""
+
+    SWING = "swing"
+    """The swing angles: of a load that hangs from this vehicle alone, or below vertical tethers."""
+    FORCE = "force"
+    """The whole force besides thrust and weight (`disturbance.source`), which knows nothing of pendulums: of a load
+    that others pull aside. Wind on the vehicle is taken for the cable's pull."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +52,7 @@ class RiggedVehicle:
     vel_std_mps: float = 0.05
     direction_std_rad: float = 0.02
     """Of the cable's direction, besides what the estimator claims."""
+    direction: DirectionSource = DirectionSource.SWING
     winch: str = ""
     """NAMED_VALUE_FLOAT that tells what its winch has turned; empty: it has none."""
 
@@ -103,6 +115,16 @@ class CableSwing:
 
 
 @dataclass(frozen=True, slots=True)
+class CableForce:
+    """Whole force on a vehicle besides thrust and weight, by the swingd beside it: its cables' pull."""
+
+    t_mono_s: float
+    t_boot_s: float
+    force_ned_n: Vec3
+    force_std_n: Vec3
+
+
+@dataclass(frozen=True, slots=True)
 class WinchTurned:
     """What a vehicle's winch has turned."""
 
@@ -133,7 +155,9 @@ class ClockAnswer:
     t_boot_s: float
 
 
-VehicleEvent = Attitude | LocalPosition | AutopilotRestart | CableSwing | WinchTurned | LocalOrigin | ClockAnswer
+VehicleEvent = (
+    Attitude | LocalPosition | AutopilotRestart | CableSwing | CableForce | WinchTurned | LocalOrigin | ClockAnswer
+)
 
 
 # ---- what follows

@@ -13,7 +13,9 @@ from swingd.link import swing_message
 from swingd.link.codec import Encoder, Framer
 from swingd.link.formation_listener import FormationListener
 from swingd.model.actions import Health, SwingReport
+from swingd.model.disturbance import DisturbanceEstimate
 from swingd.model.formation import (
+    DirectionSource,
     FormationParameters,
     FormationReport,
     RiggedTether,
@@ -49,12 +51,13 @@ class Telling:
     swing_rad: float = 0.008
     swing_rate_radps: float = 0.02
     winch_m: float = 0.0002
+    force_n: float = 0.05
 
 
 HOST_S = 1000.0
 
 
-def rig(flight: Flight, **changes: Any) -> FormationParameters:
+def rig(flight: Flight, direction: DirectionSource = DirectionSource.SWING, **changes: Any) -> FormationParameters:
     """Describe the study's vehicles."""
     lean_rad = flight.scenario.lean_rad
     vehicles = tuple(
@@ -71,6 +74,7 @@ def rig(flight: Flight, **changes: Any) -> FormationParameters:
             pos_std_m=0.006,
             vel_std_mps=0.03,
             direction_std_rad=0.01,
+            direction=direction,
             winch="WINCH",
         )
         for c in range(v.CARRIERS)
@@ -98,6 +102,7 @@ class Teller:
         xi_zeta = swing_of(flight, index)
         self.swing = xi_zeta + telling.swing_rad * noise((n, 2))
         self.swing_rate = np.gradient(xi_zeta, SAMPLE_S, axis=0) + telling.swing_rate_radps * noise((n, 2))
+        self.force = slow_force(flight, index) + telling.force_n * noise((n, 3))
         self.winch = flight.winch_m(index) + telling.winch_m * noise(n)
         self.t_s = flight.t_s
 
@@ -120,6 +125,7 @@ class Teller:
         xi, zeta = self.swing[row].tolist()
         xi_rate, zeta_rate = self.swing_rate[row].tolist()
         nothing = (0.0, 0.0, 0.0)
+        force = DisturbanceEstimate(tuple(self.force[row].tolist()), (0.05, 0.05, 0.05), "")
         report = SwingReport(
             t_boot_s,
             xi,
@@ -135,6 +141,7 @@ class Teller:
             nothing,
             nothing,
             Health.READY,
+            disturbance=force,
         )
         messages = [
             (self.autopilot, mavlink.MAVLink_attitude_message(ms, *self.euler[row].tolist(), 0.0, 0.0, 0.0)),
@@ -161,13 +168,18 @@ class Outcome:
     listeners: list[FormationListener] = field(default_factory=list)
 
 
-def swing_of(flight: Flight, index: int) -> Any:
-    """Angles (n, 2) of the cable force on a vehicle, heading frame, as slow as an estimate."""
+def slow_force(flight: Flight, index: int) -> Any:
+    """Pull (n, 3) of a vehicle's tethers, ned, as slow as an estimate."""
     force = flight.carrier(index, CarrierLog.CABLE_FORCE)
     width = round(SMOOTH_S / SAMPLE_S) | 1
     kernel = np.hanning(width + 2)[1:-1]
     padded = np.pad(force, ((width // 2, width // 2), (0, 0)), mode="edge")
-    slow = np.column_stack([np.convolve(padded[:, k], kernel / kernel.sum(), mode="valid") for k in range(3)])
+    return np.column_stack([np.convolve(padded[:, k], kernel / kernel.sum(), mode="valid") for k in range(3)])
+
+
+def swing_of(flight: Flight, index: int) -> Any:
+    """Angles (n, 2) of the cable force on a vehicle, heading frame, as slow as an estimate."""
+    slow = slow_force(flight, index)
     euler = flight.carrier(index, CarrierLog.EULER)
     heading = rotations(euler * np.array([0.0, 0.0, 1.0]))
     unit = np.einsum("nji,nj->ni", heading, slow / np.linalg.norm(slow, axis=1)[:, None])

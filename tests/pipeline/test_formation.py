@@ -14,8 +14,10 @@ from swingd.link import load_message
 from swingd.model.actions import Health
 from swingd.model.events import Attitude, AutopilotRestart, LocalPosition
 from swingd.model.formation import (
+    CableForce,
     CableSwing,
     ClockAnswer,
+    DirectionSource,
     FormationParameters,
     LocalOrigin,
     RiggedTether,
@@ -81,6 +83,17 @@ def test_two_vehicles_with_clocks_and_frames_of_their_own_give_the_load_s_pose(f
     # Errors that last, such as the direction's, are told as large as they may be; none is told as smaller than it is.
     assert 1.0 < squares[:, 0].mean() < 6.6
     assert 0.5 < squares[:, 1].mean() < 3.3
+
+
+def test_the_force_on_the_vehicles_tells_the_direction_as_well(flight):
+    flown = fly_through(flight, rig(flight, DirectionSource.FORCE))
+    reports = [report for report in flown.reports if report.t_mono_s > HOST_S + 1.0]
+    assert {report.health for report in reports} == {Health.READY}
+    found, squares = errors(flight, reports)
+    rms = np.sqrt(np.mean(found**2, axis=0))
+    assert (rms[:3] < 0.018).all()
+    assert (np.degrees(rms[3:6]) < (2.5, 1.2, 2.5)).all()
+    assert 1.0 < squares[:, 0].mean() < 7.5
 
 
 def test_the_pose_comes_at_its_rate_and_of_instants_that_only_advance(flown):
@@ -245,6 +258,25 @@ def test_an_estimate_that_its_swingd_does_not_trust_is_not_used():
     assert "system 1: no good SWING (its swingd: init) heard" in reason
 
 
+@pytest.mark.parametrize(
+    ("force_ned_n", "why"),
+    [
+        ((0.0, 0.0, -19.0), "the cable is not taut"),  # the ground carries the vehicle
+        ((0.01, 0.0, 0.02), "the cable is not taut"),
+        ((3.0, 0.0, 0.1), "the cable is not taut"),
+        ((0.3, 0.0, 0.5), "it is not known well enough"),
+    ],
+)
+def test_a_force_that_no_taut_cable_has_is_not_used(force_ned_n, why):
+    parameters = standing()
+    vehicles = tuple(replace(one, direction=DirectionSource.FORCE) for one in parameters.vehicles)
+    formation = Formation(replace(parameters, vehicles=vehicles))
+    formation.take(0, CableForce(0.0, 0.0, force_ned_n, (0.4, 0.4, 0.4)))
+    report = formation.step(0.1)
+    assert f"good force in SWING ({why})" in report.reason
+    assert formation.refusals()[1] == {"swing_not_good": 1}
+
+
 def test_nothing_is_told_before_every_origin_is_known():
     parameters = standing()
     vehicles = tuple(replace(vehicle, origin_ned_m=None) for vehicle in parameters.vehicles)
@@ -272,6 +304,7 @@ told = st.one_of(
     st.builds(Attitude, finite, anything, anything, anything, anything),
     st.builds(LocalPosition, finite, anything, vec, vec),
     st.builds(CableSwing, finite, *[anything] * 7, st.sampled_from(Health)),
+    st.builds(CableForce, finite, anything, vec, vec),
     st.builds(WinchTurned, finite, anything, anything),
     st.builds(LocalOrigin, finite, *[anything] * 3, anything),
     st.builds(ClockAnswer, finite, anything, anything),
@@ -281,7 +314,10 @@ told = st.one_of(
 
 @given(st.lists(st.tuples(st.integers(0, 2), told), max_size=30))
 def test_whatever_vehicles_tell_nothing_raises_and_no_pose_is_without_numbers(events):
-    formation = Formation(standing())
+    parameters = standing()
+    by_force = replace(parameters.vehicles[2], direction=DirectionSource.FORCE)
+    formation = Formation(replace(parameters, vehicles=(*parameters.vehicles[:2], by_force)))
+    formation.take(2, CableForce(0.0, 20.0, (0.1, 0.2, 5.0), (0.1, 0.1, 0.1)))
     stand(formation, 0.2)
     for k, event in events:
         formation.take(k, event)

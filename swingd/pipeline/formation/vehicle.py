@@ -11,15 +11,17 @@ from swingd.model.actions import Health
 from swingd.model.estimate import FloatArray
 from swingd.model.events import Attitude, AutopilotRestart, LocalPosition, Vec3
 from swingd.model.formation import (
+    CableForce,
     CableSwing,
     ClockAnswer,
+    DirectionSource,
     LocalOrigin,
     RiggedVehicle,
     VehicleEvent,
     WinchTurned,
 )
 from swingd.pipeline.formation.clock import ClockOffset
-from swingd.pipeline.formation.stream import SampleStream
+from swingd.pipeline.formation.stream import Reading, SampleStream
 
 LATE_S = 1.0
 """A sample delivered so much later than the quickest is not used."""
@@ -27,6 +29,11 @@ AHEAD_S = 0.25
 """A stamp of the future: the clock is another one."""
 VALUE_MAX = 1e6
 SWING_MAX_RAD = 1.4
+FORCE_MIN_N = 0.1
+FORCE_DOWN_MIN = 0.2
+"""Share of a cable's pull that is down: a cable that only pulls sideways holds nothing, and the ground pushes up."""
+FORCE_STD_SHARE_MAX = 0.5
+"""Of the force: beyond it the direction is not known."""
 STD_MAX_RAD = 0.5
 """Of a swing angle; beyond it the estimator knows nothing."""
 ACC_UNKNOWN_MPS2 = 3.0
@@ -46,7 +53,7 @@ class Refusal(Enum):
     LATE = "late"
     AHEAD = "ahead"
     SWING_NOT_GOOD = "swing_not_good"
-    """Its swingd is in fault or not ready, or says that it knows nothing."""
+    """Its swingd is in fault or not ready, says that it knows nothing, or the force is none of a taut cable."""
     OTHER_CLOCK = "other_clock"
     """An answer to TIMESYNC that is not of the boot clock, or came too late."""
 
@@ -86,13 +93,17 @@ class VehicleTrack:
         self.restarts = 0
         self.origin: LocalOrigin | None = None
         self.swing_health = Health.INIT
-        self._swing_heard = False
-        self._streams = {"LOCAL_POSITION_NED": SampleStream(), "ATTITUDE": SampleStream(), "SWING": SampleStream()}
+        self._refused = ""
+        """Why the last estimate of the cable was not good; empty where it was, or none was heard."""
+        by_force = rig.direction is DirectionSource.FORCE
+        self._cable_name = "force in SWING" if by_force else "SWING"
+        streams = ("LOCAL_POSITION_NED", "ATTITUDE", self._cable_name)
+        self._streams = {name: SampleStream() for name in streams}
         if rig.winch:
             self._streams[f"winch {rig.winch}"] = SampleStream()
-        self._position, self._attitude, self._swing, *winch = self._streams.values()
+        self._position, self._attitude, self._cable, *winch = self._streams.values()
         self._winch = winch[0] if winch else None
-        self._swing_var = np.zeros(2)
+        self._cable_var = np.zeros(2)
         self._angles: FloatArray | None = None
         self._clock = ClockOffset()
 
@@ -106,8 +117,10 @@ class VehicleTrack:
                 angles = (event.roll_rad, event.pitch_rad, event.yaw_rad)
                 if self._is_usable(event.t_mono_s, event.t_boot_s, angles, 7.0):
                     self._add_attitude(event.t_boot_s, np.array(angles))
-            case CableSwing():
+            case CableSwing() if self.rig.direction is DirectionSource.SWING:
                 self._take_swing(event)
+            case CableForce() if self.rig.direction is DirectionSource.FORCE:
+                self._take_force(event)
             case WinchTurned(winch=value):
                 if self._winch is not None and self._is_usable(event.t_mono_s, event.t_boot_s, (value,), VALUE_MAX):
                     self._add(self._winch, event.t_boot_s, np.array([value]))
@@ -138,8 +151,9 @@ class VehicleTrack:
 
     def _told(self, name: str) -> str:
         """Name a stream; an estimate that comes and is not good is not silent."""
-        is_refused = name == "SWING" and self.swing_health in (Health.INIT, Health.FAULT) and self._swing_heard
-        return f"good SWING (its swingd: {self.swing_health.value})" if is_refused else name
+        if name != self._cable_name or not self._refused:
+            return name
+        return f"good {name} ({self._refused})"
 
     def newest_s(self, t_mono_s: float) -> float | None:
         """Return the host's time of the oldest of its newest samples; None while one is missing."""
@@ -155,9 +169,9 @@ class VehicleTrack:
         if clock is None:
             return None
         t_boot_s, clock_std_s = t_s - clock[0], clock[1]
-        position, attitude, swing = (s.at(t_boot_s) for s in (self._position, self._attitude, self._swing))
+        position, attitude, cable = (s.at(t_boot_s) for s in (self._position, self._attitude, self._cable))
         winch = None if self._winch is None else self._winch.at(t_boot_s)
-        if position is None or attitude is None or swing is None or (self._winch is not None and winch is None):
+        if position is None or attitude is None or cable is None or (self._winch is not None and winch is None):
             return None
         hook = np.array(self.rig.hook_frd_m)
         half_s = 0.01
@@ -172,21 +186,16 @@ class VehicleTrack:
             + (0.5 * ACC_UNKNOWN_MPS2 * position.carried_s**2) ** 2
             + float(hook @ hook) * (ATTITUDE_RATE_UNKNOWN_RADPS * attitude.carried_s) ** 2
         )
-        yaw_rad, yaw_rate = float(attitude.value[2]), float(attitude.rate[2])
-        heading, xi_zeta = rotation_of(np.array([0.0, 0.0, yaw_rad])), swing.value
-        along, across = cable_of(xi_zeta)
-        direction = heading @ along
-        rate = heading @ (across @ swing.rate) + yaw_rate * np.array([-direction[1], direction[0], 0.0])
-        speed_radps = float(np.linalg.norm(rate))
+        direction, rate, cov = self._direction(attitude, cable)
         further_var = (
             self.rig.direction_std_rad**2
-            + (speed_radps * clock_std_s) ** 2
-            + (0.5 * SWING_ACC_UNKNOWN_RADPS2 * swing.carried_s**2) ** 2
+            + (float(np.linalg.norm(rate)) * clock_std_s) ** 2
+            + (0.5 * SWING_ACC_UNKNOWN_RADPS2 * cable.carried_s**2) ** 2
         )
-        turned_var = (ATTITUDE_RATE_UNKNOWN_RADPS * attitude.carried_s) ** 2 * (1.0 - float(direction[2]) ** 2)
-        spread = heading @ across
-        cov = spread @ np.diag(self._swing_var) @ spread.T
-        cov += (further_var + turned_var) * (np.eye(3) - np.outer(direction, direction))
+        rate_var = SWING_RATE_PER_ANGLE**2 * (further_var + float(np.diag(cov).max()))
+        if self.rig.direction is DirectionSource.SWING:
+            further_var += (ATTITUDE_RATE_UNKNOWN_RADPS * attitude.carried_s) ** 2 * (1.0 - float(direction[2]) ** 2)
+        cov += further_var * (np.eye(3) - np.outer(direction, direction))
         return VehicleInstant(
             hook_ned_m=position.value + rotation @ hook,
             hook_vel_ned_mps=position.rate + turning @ hook / (2.0 * half_s),
@@ -195,12 +204,27 @@ class VehicleTrack:
             direction_ned=direction,
             direction_rate_ned=rate,
             direction_cov=cov,
-            rate_var_radps2=SWING_RATE_PER_ANGLE**2 * (further_var + float(self._swing_var.max()))
-            + (SWING_ACC_UNKNOWN_RADPS2 * swing.carried_s) ** 2,
-            yaw_rad=yaw_rad,
+            rate_var_radps2=rate_var + (SWING_ACC_UNKNOWN_RADPS2 * cable.carried_s) ** 2,
+            yaw_rad=float(attitude.value[2]),
             winch=0.0 if winch is None else float(winch.value[0]),
             winch_rate=0.0 if winch is None else float(winch.rate[0]),
         )
+
+    def _direction(self, attitude: Reading, cable: Reading) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the cable's direction, its rate and the covariance that its estimator claims, ned."""
+        if self.rig.direction is DirectionSource.FORCE:
+            size_n = float(np.linalg.norm(cable.value))
+            direction = cable.value / size_n
+            project = np.eye(3) - np.outer(direction, direction)
+            cov = project @ np.diag(self._cable_var) @ project / size_n**2
+            return direction, project @ cable.rate / size_n, cov
+        yaw_rad, yaw_rate = float(attitude.value[2]), float(attitude.rate[2])
+        heading = rotation_of(np.array([0.0, 0.0, yaw_rad]))
+        along, across = cable_of(cable.value)
+        direction = heading @ along
+        rate = heading @ (across @ cable.rate) + yaw_rate * np.array([-direction[1], direction[0], 0.0])
+        spread = heading @ across
+        return direction, rate, spread @ np.diag(self._cable_var) @ spread.T
 
     # ---- samples
 
@@ -237,16 +261,34 @@ class VehicleTrack:
         if not all(map(math.isfinite, (*angles, *rates, *stds))):
             self.refusals[Refusal.NOT_FINITE] += 1
             return
-        self.swing_health, self._swing_heard = event.health, True
+        self.swing_health = event.health
+        self._refused = ""
         if event.health in (Health.INIT, Health.FAULT) or not all(0.0 <= std <= STD_MAX_RAD for std in stds):
-            self.refusals[Refusal.SWING_NOT_GOOD] += 1
-            return
-        if max(map(abs, angles)) > SWING_MAX_RAD:
+            self._refuse(f"its swingd: {event.health.value}")
+        elif max(map(abs, angles)) > SWING_MAX_RAD:
             self.refusals[Refusal.IMPOSSIBLE] += 1
+        elif self._is_usable(event.t_mono_s, event.t_boot_s, (*angles, *rates, *stds), 100.0):
+            self._cable_var = np.square(stds)
+            self._add(self._cable, event.t_boot_s, np.array(angles), np.array(rates))
+
+    def _take_force(self, event: CableForce) -> None:
+        if not all(map(math.isfinite, (*event.force_ned_n, *event.force_std_n))):
+            self.refusals[Refusal.NOT_FINITE] += 1
             return
-        if self._is_usable(event.t_mono_s, event.t_boot_s, (*angles, *rates, *stds), 100.0):
-            self._swing_var = np.square(stds)
-            self._add(self._swing, event.t_boot_s, np.array(angles), np.array(rates))
+        self.swing_health = Health.READY
+        self._refused = ""
+        size_n = math.hypot(*event.force_ned_n)
+        if size_n < FORCE_MIN_N or event.force_ned_n[2] < FORCE_DOWN_MIN * size_n:
+            self._refuse("the cable is not taut")
+        elif max(map(abs, event.force_std_n)) > FORCE_STD_SHARE_MAX * size_n:
+            self._refuse("it is not known well enough")
+        elif self._is_usable(event.t_mono_s, event.t_boot_s, event.force_ned_n, VALUE_MAX):
+            self._cable_var = np.square(event.force_std_n)
+            self._add(self._cable, event.t_boot_s, np.array(event.force_ned_n))
+
+    def _refuse(self, reason: str) -> None:
+        self._refused = reason
+        self.refusals[Refusal.SWING_NOT_GOOD] += 1
 
     def _take_origin(self, origin: LocalOrigin) -> None:
         numbers = (origin.lat_rad, origin.lon_rad, origin.alt_amsl_m, origin.earth_radius_m)
