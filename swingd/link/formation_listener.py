@@ -98,9 +98,6 @@ class FormationListener:
             self._requests.serve(kind)
         elif msg_id == mavlink.MAVLINK_MSG_ID_TIMESYNC:
             return self._timesync(t_mono_s, frame.message)
-        elif msg_id == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
-            if frame.message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-                self._requests.acknowledged(t_mono_s, frame.message.result)
         elif msg_id in _TELEMETRY:
             self.heard = True
             self._requests.heard(msg_id)

@@ -271,6 +271,7 @@ def test_a_force_that_no_taut_cable_has_is_not_used(force_ned_n, why):
     parameters = standing()
     vehicles = tuple(replace(one, direction=DirectionSource.FORCE) for one in parameters.vehicles)
     formation = Formation(replace(parameters, vehicles=vehicles))
+    formation.take(0, Attitude(0.0, 0.0, 0.0, 0.0, 0.0))
     formation.take(0, CableForce(0.0, 0.0, force_ned_n, (0.4, 0.4, 0.4)))
     report = formation.step(0.1)
     assert f"good force in SWING ({why})" in report.reason
@@ -317,6 +318,7 @@ def test_whatever_vehicles_tell_nothing_raises_and_no_pose_is_without_numbers(ev
     parameters = standing()
     by_force = replace(parameters.vehicles[2], direction=DirectionSource.FORCE)
     formation = Formation(replace(parameters, vehicles=(*parameters.vehicles[:2], by_force)))
+    formation.take(2, Attitude(0.0, 20.0, 0.0, 0.0, 0.0))
     formation.take(2, CableForce(0.0, 20.0, (0.1, 0.2, 5.0), (0.1, 0.1, 0.1)))
     stand(formation, 0.2)
     for k, event in events:
@@ -417,6 +419,27 @@ def test_a_clock_is_told_by_the_quickest_delivery_and_better_by_an_answer():
     clock.arrived(60.0, 60.0 - 700.2)
     assert clock.offset(60.0)[0] == pytest.approx(700.2)
     assert clock.offset(500.0)[0] == pytest.approx(700.2)
+
+
+def test_a_stamp_ahead_does_not_outweigh_an_answer():
+    clock = ClockOffset()
+    clock.arrived(1.0, 1.0 - 700.0)
+    clock.arrived(1.1, 1.1 - 699.8)
+    assert clock.offset(1.1)[0] == pytest.approx(699.8)
+    assert clock.answered(1.2, 1.18, 1.19 - 700.0)
+    assert clock.offset(1.2)[0] == pytest.approx(700.0)
+
+
+def test_a_winch_with_a_clock_of_its_own_spoils_nothing():
+    parameters = standing()
+    winched = replace(parameters.vehicles[0], winch="WINCH")
+    formation = Formation(replace(parameters, vehicles=(winched, *parameters.vehicles[1:])))
+    formation.take(0, WinchTurned(0.0, 0.0, 0.1))
+    tell(formation, 0, 0.0, boot_s=500.0)
+    formation.take(0, WinchTurned(0.1, 3.0, 0.1))
+    tell(formation, 0, 0.2, boot_s=500.0)
+    assert formation.refusals()[1] == {"no_clock": 1, "late": 1}
+    assert "system 1: no winch WINCH heard" in formation.step(0.2).reason
 
 
 def test_samples_are_interpolated_by_value_and_rate_and_carried_on():

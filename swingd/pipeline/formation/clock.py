@@ -76,7 +76,7 @@ class ClockOffset:
         arrival, answer = self._arrivals.get(t_mono_s), self._answers.get(t_mono_s)
         if answer is not None:
             round_trip_s, offset_s = answer
-            if arrival is not None:
+            if arrival is not None and abs(offset_s - arrival[0]) <= 0.5 * round_trip_s:
                 offset_s = min(offset_s, arrival[0])
             self._last = offset_s, math.hypot(round_trip_s / math.sqrt(12.0), STAMP_STD_S)
         elif arrival is not None:

@@ -54,6 +54,8 @@ class Refusal(Enum):
     AHEAD = "ahead"
     SWING_NOT_GOOD = "swing_not_good"
     """Its swingd is in fault or not ready, says that it knows nothing, or the force is none of a taut cable."""
+    NO_CLOCK = "no_clock"
+    """The autopilot has told no stamp yet."""
     OTHER_CLOCK = "other_clock"
     """An answer to TIMESYNC that is not of the boot clock, or came too late."""
 
@@ -111,11 +113,11 @@ class VehicleTrack:
         """Take what the vehicle tells; never raises, what cannot be used is counted."""
         match event:
             case LocalPosition(pos_ned_m=pos, vel_ned_mps=vel):
-                if self._is_usable(event.t_mono_s, event.t_boot_s, (*pos, *vel), VALUE_MAX):
+                if self._is_usable(event.t_mono_s, event.t_boot_s, (*pos, *vel), VALUE_MAX, tells_clock=True):
                     self._add(self._position, event.t_boot_s, np.array(pos), np.array(vel))
             case Attitude():
                 angles = (event.roll_rad, event.pitch_rad, event.yaw_rad)
-                if self._is_usable(event.t_mono_s, event.t_boot_s, angles, 7.0):
+                if self._is_usable(event.t_mono_s, event.t_boot_s, angles, 7.0, tells_clock=True):
                     self._add_attitude(event.t_boot_s, np.array(angles))
             case CableSwing() if self.rig.direction is DirectionSource.SWING:
                 self._take_swing(event)
@@ -228,7 +230,10 @@ class VehicleTrack:
 
     # ---- samples
 
-    def _is_usable(self, t_mono_s: float, t_boot_s: float, values: tuple[float, ...], limit: float) -> bool:
+    def _is_usable(
+        self, t_mono_s: float, t_boot_s: float, values: tuple[float, ...], limit: float, *, tells_clock: bool = False
+    ) -> bool:
+        """Judge a sample; only the autopilot's own stamps tell its clock."""
         if not all(map(math.isfinite, (t_mono_s, t_boot_s, *values))):
             self.refusals[Refusal.NOT_FINITE] += 1
             return False
@@ -236,12 +241,16 @@ class VehicleTrack:
             self.refusals[Refusal.IMPOSSIBLE] += 1
             return False
         clock = self.clock(t_mono_s)
+        if clock is None and not tells_clock:
+            self.refusals[Refusal.NO_CLOCK] += 1
+            return False
         if clock is not None:
             delivery_s = t_mono_s - t_boot_s - clock[0]
             if not -AHEAD_S <= delivery_s <= LATE_S:
                 self.refusals[Refusal.LATE if delivery_s > 0.0 else Refusal.AHEAD] += 1
                 return False
-        self._clock.arrived(t_mono_s, t_boot_s)
+        if tells_clock:
+            self._clock.arrived(t_mono_s, t_boot_s)
         return True
 
     def _add(self, stream: SampleStream, t_boot_s: float, value: FloatArray, rate: FloatArray | None = None) -> None:
