@@ -1,23 +1,19 @@
 """The configuration of `swingd cooperate`: a file of its own; everything that is wrong with one is reported at once."""
 
-import dataclasses
 import difflib
-from collections.abc import Iterator
 from math import radians
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from swingd.config.draft import Draft, shown
+from swingd.config.formation_checks import CHECKS, default_of
 from swingd.config.reader import _Loader as Loader
 from swingd.config.reader import yaml_problem
 from swingd.config.source import Source, read_source
-from swingd.estimation.cooperative_pose import WinchTable
-from swingd.link.url import LOOPBACK, LinkUrl, SerialPort, TcpIn, UdpIn, parse_url
-from swingd.model.errors import ConfigurationError, LinkUrlError
+from swingd.model.errors import ConfigurationError
 from swingd.model.formation import (
     TETHERS_MAX,
     VEHICLES_MAX,
@@ -31,8 +27,6 @@ from swingd.model.formation import (
 
 OUTPUTS_MAX = 8
 ROWS_MAX = 64
-_SEPARATE_M = 1e-3
-"""Anchors nearer to one line than this lie on it."""
 
 _Far = Annotated[float, Field(ge=-1e4, le=1e4, allow_inf_nan=False)]
 _Near = Annotated[float, Field(ge=-100.0, le=100.0, allow_inf_nan=False)]
@@ -47,11 +41,6 @@ _FarVec = Annotated[list[_Far], Field(min_length=3, max_length=3)]
 _Row = Annotated[list[_Factor], Field(min_length=2, max_length=2)]
 
 
-def _default(group: type[Any], name: str) -> Any:
-    """Give what a dataclass of `swingd.model.formation` declares, so that it stands once."""
-    return next(field.default for field in dataclasses.fields(group) if field.name == name)
-
-
 class _Group(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -59,8 +48,8 @@ class _Group(BaseModel):
 class _Tether(_Group):
     length_m: float = Field(ge=0.05, le=200.0, allow_inf_nan=False)
     anchor_frd_m: _Vec
-    length_std_m: float = Field(_default(RiggedTether, "length_std_m"), ge=1e-4, le=10.0, allow_inf_nan=False)
-    winch_gain: _Factor = _default(RiggedTether, "winch_gain")
+    length_std_m: float = Field(default_of(RiggedTether, "length_std_m"), ge=1e-4, le=10.0, allow_inf_nan=False)
+    winch_gain: _Factor = default_of(RiggedTether, "winch_gain")
 
 
 class _Vehicle(_Group):
@@ -69,10 +58,10 @@ class _Vehicle(_Group):
     tethers: list[_Tether] = Field(min_length=1, max_length=TETHERS_MAX)
     hook_frd_m: _Vec = [0.0, 0.0, 0.0]
     origin_ned_m: _FarVec | None = None
-    pos_std_m: float = Field(_default(RiggedVehicle, "pos_std_m"), ge=1e-4, le=100.0, allow_inf_nan=False)
-    vel_std_mps: float = Field(_default(RiggedVehicle, "vel_std_mps"), ge=1e-4, le=100.0, allow_inf_nan=False)
+    pos_std_m: float = Field(default_of(RiggedVehicle, "pos_std_m"), ge=1e-4, le=100.0, allow_inf_nan=False)
+    vel_std_mps: float = Field(default_of(RiggedVehicle, "vel_std_mps"), ge=1e-4, le=100.0, allow_inf_nan=False)
     direction_std_deg: _Deviation = 1.0
-    direction: Literal["swing", "force"] = _default(RiggedVehicle, "direction").value
+    direction: Literal["swing", "force"] = default_of(RiggedVehicle, "direction").value
     winch: Annotated[str, Field(min_length=1, max_length=10)] | None = None
 
 
@@ -88,11 +77,11 @@ class _Formation(_Group):
     vehicles: list[_Vehicle] = Field(min_length=VEHICLES_MIN, max_length=VEHICLES_MAX)
     load: _Load = Field(default_factory=lambda: _Load.model_validate({}))
     outputs: list[_Url] = Field([], max_length=OUTPUTS_MAX)
-    system_id: _Id = _default(FormationParameters, "system_id")
-    rate_hz: float = Field(_default(FormationParameters, "rate_hz"), ge=1.0, le=100.0, allow_inf_nan=False)
-    stream_rate_hz: _Rate = _default(FormationParameters, "stream_rate_hz")
-    late_s: float = Field(_default(FormationParameters, "late_s"), ge=0.02, le=10.0, allow_inf_nan=False)
-    lost_s: float = Field(_default(FormationParameters, "lost_s"), ge=0.05, le=60.0, allow_inf_nan=False)
+    system_id: _Id = default_of(FormationParameters, "system_id")
+    rate_hz: float = Field(default_of(FormationParameters, "rate_hz"), ge=1.0, le=100.0, allow_inf_nan=False)
+    stream_rate_hz: _Rate = default_of(FormationParameters, "stream_rate_hz")
+    late_s: float = Field(default_of(FormationParameters, "late_s"), ge=0.02, le=10.0, allow_inf_nan=False)
+    lost_s: float = Field(default_of(FormationParameters, "lost_s"), ge=0.05, le=60.0, allow_inf_nan=False)
     record: Annotated[str, Field(min_length=1, max_length=200)] | None = None
 
 
@@ -112,7 +101,7 @@ def load_formation(path: Path | str) -> FormationParameters:
     source = read_source(path, ())
     draft = _read(source)
     formation = _validate(draft)
-    for check in (_ids, _links, _origins, _ages, _winches, _anchors):
+    for check in CHECKS:
         for name, text in check(draft.values):
             draft.refuse(name, text)
     draft.raise_problems(source.name)
@@ -196,129 +185,6 @@ def _no_such_key(path: tuple[str, ...]) -> str:
     if near:
         return f"no such key; did you mean {' or '.join(near)}?"
     return f"no such key; expected one of {', '.join(members)}"
-
-
-# ---- what does not go together; on values that may be anything
-
-
-def _groups(values: Any, name: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Give every group of a list, with its dotted name."""
-    items = values.get(name) if isinstance(values, dict) else None
-    for place, item in enumerate(items if isinstance(items, list) else (), 1):
-        if isinstance(item, dict):
-            yield f"{name}.{place}", item
-
-
-def _ids(values: Any) -> Iterator[tuple[str, str]]:
-    seen: dict[int, str] = {}
-    for name, vehicle in _groups(values, "vehicles"):
-        system_id = vehicle.get("system_id")
-        if isinstance(system_id, int):
-            if system_id in seen:
-                yield f"{name}.system_id", f"{system_id} given, as in {seen[system_id]}; expected one of its own"
-            seen.setdefault(system_id, name)
-    own = values.get("system_id", _default(FormationParameters, "system_id"))
-    if isinstance(own, int) and own in seen:
-        yield "system_id", f"{own} given, as in {seen[own]}; expected one that no vehicle has"
-
-
-def _links(values: Any) -> Iterator[tuple[str, str]]:
-    urls: dict[str, str] = {}
-    taken: dict[str, str] = {}
-    listed = values.get("outputs")
-    outputs = enumerate(listed if isinstance(listed, list) else (), 1)
-    given = [(f"{name}.link", vehicle.get("link")) for name, vehicle in _groups(values, "vehicles")]
-    given += [(f"outputs.{place}", url) for place, url in outputs]
-    for name, text in given:
-        if not isinstance(text, str) or not text:
-            continue
-        try:
-            url = parse_url(text, LOOPBACK)
-        except LinkUrlError as error:
-            yield name, str(error)
-            continue
-        shared = name.startswith("vehicles") and urls.get(str(url), "").startswith("vehicles")
-        what = _taken(url)
-        if not shared and what is not None:
-            if what in taken:
-                yield name, f"{url} takes {what}, as {taken[what]} does; expected one of its own, or the same URL"
-            taken.setdefault(what, name)
-        urls.setdefault(str(url), name)
-
-
-def _taken(url: LinkUrl) -> str | None:
-    """Name what only one link can have."""
-    match url:
-        case UdpIn(port=port) if port:
-            return f"UDP port {port}"
-        case TcpIn(port=port) if port:
-            return f"TCP port {port}"
-        case SerialPort(device=device):
-            return device
-    return None
-
-
-def _origins(values: Any) -> Iterator[tuple[str, str]]:
-    vehicles = list(_groups(values, "vehicles"))
-    without = [name for name, vehicle in vehicles if vehicle.get("origin_ned_m") is None]
-    if without and len(without) < len(vehicles):
-        yield f"{without[0]}.origin_ned_m", "not given, but others have one; expected one for every vehicle or for none"
-
-
-def _ages(values: Any) -> Iterator[tuple[str, str]]:
-    late = values.get("late_s", _default(FormationParameters, "late_s"))
-    lost = values.get("lost_s", _default(FormationParameters, "lost_s"))
-    if isinstance(late, int | float) and isinstance(lost, int | float) and not late < lost:
-        yield "late_s", f"{late:g} s given; expected less than lost_s, {lost:g} s"
-
-
-def _winches(values: Any) -> Iterator[tuple[str, str]]:
-    named = False
-    for name, vehicle in _groups(values, "vehicles"):
-        gains = [tether.get("winch_gain", 0.0) for _, tether in _groups(vehicle, "tethers")]
-        winch = vehicle.get("winch")
-        named |= winch is not None
-        if any(gains) and winch is None:
-            yield f"{name}.tethers", "a winch_gain without a winch; expected winch, the name of its NAMED_VALUE_FLOAT"
-    load = values.get("load")
-    rows = load.get("winch_pitch") if isinstance(load, dict) else None
-    if not isinstance(load, dict) or not isinstance(rows, list) or not rows:
-        return
-    if not named:
-        yield "load.winch_pitch", "given, but no vehicle has a winch; expected vehicles.N.winch"
-    if load.get("pitch_std_deg") is None:
-        yield "load.pitch_std_deg", "not given; expected how well winch_pitch tells the pitch"
-    if all(isinstance(row, list) and len(row) == 2 and all(type(x) in (int, float) for x in row) for row in rows):
-        try:
-            WinchTable([row[0] for row in rows], [row[1] for row in rows])
-        except ConfigurationError as error:
-            yield "load.winch_pitch", str(error)
-
-
-def _anchors(values: Any) -> Iterator[tuple[str, str]]:
-    """Refuse anchors on one line where nothing tells the turn about it."""
-    load = values.get("load")
-    if isinstance(load, dict) and any(load.get(name) is not None for name in ("roll_std_deg", "pitch_std_deg")):
-        return
-    anchors = [
-        tether.get("anchor_frd_m")
-        for _, vehicle in _groups(values, "vehicles")
-        for _, tether in _groups(vehicle, "tethers")
-    ]
-    is_whole = all(
-        isinstance(anchor, list) and len(anchor) == 3 and all(type(x) in (int, float) for x in anchor)
-        for anchor in anchors
-    )
-    if len(anchors) < VEHICLES_MIN or not is_whole:
-        return
-    spread = np.array(anchors, dtype=float)
-    if not np.isfinite(spread).all():
-        return
-    if np.linalg.svd(spread - spread.mean(axis=0), compute_uv=False)[1] < _SEPARATE_M:
-        yield (
-            "load",
-            "all anchors lie on one line, and nothing tells the turn about it; expected pitch_std_deg or roll_std_deg",
-        )
 
 
 def _parameters(formation: _Formation) -> FormationParameters:

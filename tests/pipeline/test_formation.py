@@ -27,9 +27,10 @@ from swingd.model.formation import (
 )
 from swingd.pipeline.formation import Formation
 from swingd.pipeline.formation.clock import ClockOffset
+from swingd.pipeline.formation.geometry import cable_of, offset_ned_m, rotation_of
 from swingd.pipeline.formation.sights import look, motion_of
 from swingd.pipeline.formation.stream import SampleStream
-from swingd.pipeline.formation.vehicle import VehicleInstant, cable_of, offset_ned_m, rotation_of
+from swingd.pipeline.formation.vehicle import VehicleInstant
 from swingd.studies.cooperative import vehicles as v
 from swingd.studies.cooperative.cases import EXPERIMENT, POSITION
 from swingd.studies.cooperative.flight import SAMPLE_S, rotations, run

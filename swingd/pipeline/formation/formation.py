@@ -22,8 +22,9 @@ from swingd.model.formation import (
     VehicleEvent,
 )
 from swingd.pipeline.formation.clock import Least
+from swingd.pipeline.formation.geometry import offset_ned_m
 from swingd.pipeline.formation.sights import Sighting, look, motion_of
-from swingd.pipeline.formation.vehicle import VehicleInstant, VehicleTrack, offset_ned_m
+from swingd.pipeline.formation.vehicle import VehicleInstant, VehicleTrack
 
 SETTLE_S = 0.5
 """Without a doubt for so long, and it is good again."""
