@@ -11,6 +11,7 @@ from swingd.link.url import LOOPBACK, LinkUrl, SerialPort, TcpIn, UdpIn, parse_u
 from swingd.model.errors import ConfigurationError, LinkUrlError
 from swingd.model.formation import VEHICLES_MIN, FormationParameters
 
+_NUMBER_MAX = 1e9
 _SEPARATE_M = 1e-3
 """Anchors nearer to one line than this lie on it."""
 
@@ -26,6 +27,11 @@ def _groups(values: Any, name: str) -> Iterator[tuple[str, dict[str, Any]]]:
     for place, item in enumerate(items if isinstance(items, list) else (), 1):
         if isinstance(item, dict):
             yield f"{name}.{place}", item
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it is one that the schema may take; whole numbers in YAML have no bound."""
+    return type(value) in (int, float) and -_NUMBER_MAX <= value <= _NUMBER_MAX
 
 
 def _ids(values: Any) -> Iterator[tuple[str, str]]:
@@ -87,7 +93,7 @@ def _origins(values: Any) -> Iterator[tuple[str, str]]:
 def _ages(values: Any) -> Iterator[tuple[str, str]]:
     late = values.get("late_s", default_of(FormationParameters, "late_s"))
     lost = values.get("lost_s", default_of(FormationParameters, "lost_s"))
-    if isinstance(late, int | float) and isinstance(lost, int | float) and not late < lost:
+    if _is_number(late) and _is_number(lost) and not late < lost:
         yield "late_s", f"{late:g} s given; expected less than lost_s, {lost:g} s"
 
 
@@ -107,7 +113,7 @@ def _winches(values: Any) -> Iterator[tuple[str, str]]:
         yield "load.winch_pitch", "given, but no vehicle has a winch; expected vehicles.N.winch"
     if load.get("pitch_std_deg") is None:
         yield "load.pitch_std_deg", "not given; expected how well winch_pitch tells the pitch"
-    if all(isinstance(row, list) and len(row) == 2 and all(type(x) in (int, float) for x in row) for row in rows):
+    if all(isinstance(row, list) and len(row) == 2 and all(map(_is_number, row)) for row in rows):
         try:
             WinchTable([row[0] for row in rows], [row[1] for row in rows])
         except ConfigurationError as error:
@@ -124,15 +130,10 @@ def _anchors(values: Any) -> Iterator[tuple[str, str]]:
         for _, vehicle in _groups(values, "vehicles")
         for _, tether in _groups(vehicle, "tethers")
     ]
-    is_whole = all(
-        isinstance(anchor, list) and len(anchor) == 3 and all(type(x) in (int, float) for x in anchor)
-        for anchor in anchors
-    )
+    is_whole = all(isinstance(anchor, list) and len(anchor) == 3 and all(map(_is_number, anchor)) for anchor in anchors)
     if len(anchors) < VEHICLES_MIN or not is_whole:
         return
     spread = np.array(anchors, dtype=float)
-    if not np.isfinite(spread).all():
-        return
     if np.linalg.svd(spread - spread.mean(axis=0), compute_uv=False)[1] < _SEPARATE_M:
         yield (
             "load",

@@ -1,9 +1,14 @@
 """The configuration of several vehicles with one load."""
 
+import contextlib
+import tempfile
 from math import radians
 from pathlib import Path
 
 import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from swingd.cli.main import app
@@ -118,6 +123,8 @@ def test_everything_that_is_wrong_is_told_at_once_with_its_line(tmp_path: Path) 
         (LEAST.replace("load: {pitch_std_deg: 5}", ""), "load: all anchors lie on one line"),
         (LEAST + "rate_hz: 50\nrate_hz: 20\n", "rate_hz (line 6): given again, first on line 5"),
         (LEAST.replace("14602", "14601").replace("udpin://:14601", "udpin://:146011", 1), "vehicles.1.link (line 3)"),
+        (LEAST.replace("load: {pitch_std_deg: 5}", "").replace("-0.2", "1" + 400 * "0"), "vehicles.1.tethers.1.anchor"),
+        (LEAST + f"late_s: {10**400}\n", "late_s (line 5)"),
         (LEAST.replace("system_id: 2", "system_id: yes"), "vehicles.2.system_id (line 4): true given"),
         (LEAST + 'outputs: ["udpout://h:1", 3]\n', "outputs.2 (line 5): 3 given"),
     ],
@@ -137,6 +144,26 @@ def test_what_is_no_yaml_is_refused(tmp_path: Path, content: bytes) -> None:
     file.write_bytes(content)
     with pytest.raises(ConfigurationError):
         load_formation(file)
+
+
+leaf = st.one_of(
+    st.none(), st.booleans(), st.integers(), st.just(10**400), st.floats(), st.text(max_size=5), st.just("udpin://:1")
+)
+KEYS = """vehicles load tethers outputs system_id link anchor_frd_m length_m winch winch_gain winch_pitch pitch_std_deg
+    origin_ned_m late_s lost_s rate_hz nonsense"""
+keys = st.sampled_from(KEYS.split())
+anything = st.recursive(
+    leaf, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys, inner, max_size=5), max_leaves=25
+)
+
+
+@given(st.dictionaries(keys, anything, max_size=6))
+def test_whatever_a_file_holds_it_is_taken_or_refused(values: dict) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "two.yaml"
+        file.write_text(yaml.safe_dump(values), encoding="utf-8")
+        with contextlib.suppress(ConfigurationError):
+            load_formation(file)
 
 
 def test_the_command_checks_and_has_examples(tmp_path: Path) -> None:
