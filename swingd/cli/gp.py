@@ -82,6 +82,7 @@ def train(
     typer.echo(f"trained on {len(training.trained.z)} samples, {len(training.held_out.z)} held out")
     typer.echo(f"RMSE of the acceleration   {score.rmse_before:.4g} -> {score.rmse_after:.4g} m/s^2")
     typer.echo(f"log likelihood per sample  {score.log_likelihood_before:.3g} -> {score.log_likelihood_after:.3g}")
+    typer.echo(f"of it on the load            {100.0 * training.model.load_share:.0f} %")
     if score.log_likelihood_after <= score.log_likelihood_before:
         typer.echo("the model tells no more than none: do not use it")
     typer.echo(f"model: {output}")
@@ -100,5 +101,6 @@ def _as_object(output: Path, training: "Training") -> dict[str, object]:
         "log_likelihood_after": score.log_likelihood_after,
         "length_scales": model.scales.tolist(),
         "signal_std": model.signal_std.tolist(),
+        "load_share": model.load_share,
         "noise_std": training.noise_std.tolist(),
     }

@@ -1,9 +1,10 @@
 """The GP-EKF (19)-(27): slung load dynamics corrected by a Gaussian process, corrected by whatever source arrives.
 
 State as `swingd.core.slts.SltsState`; the input is the force on the vehicle, thrust above all. What is learned is the
-load's acceleration error relative to the vehicle: it is added to v' and, because the load's drag does not push the
-vehicle, taken from v_p' (B_d of (14), which the paper does not print). Errata: (19) means M^-1, (24) takes h at the
-predicted state, and (27) is P - K H P - P H^T K^T + K W K^T, which is Joseph's form, used here.
+error of the relative acceleration v'. B_d of (14), which the paper does not print, depends on which body it pushes: an
+error on the vehicle leaves the load alone, one on the load (its drag) is taken from v_p' as it is added to v', so that
+the vehicle feels nothing of it. The share of the load is a number of the model. Errata: (19) means M^-1, (24) takes h
+at the predicted state, and (27) is P - K H P - P H^T K^T + K W K^T, which is Joseph's form, used here.
 """
 
 from enum import IntEnum
@@ -48,7 +49,9 @@ class GpEkfParam(IntEnum):
     density of the noise that it gives v'."""
     NIS_GATE = 8
     """Of every source, 3 degrees of freedom."""
-    SIZE = 9
+    LOAD_SHARE = 9
+    """How much of what is learned acts on the load and not on the vehicle, 0..1."""
+    SIZE = 10
 
 
 _S = SltsState
@@ -74,8 +77,8 @@ def dynamics(rate_out, A_out, G_out, model_var_out, x, force, Z, weights, K_inv,
     model_var_out : (2,), written
         Of v' by the Gaussian process [(m/s^2)^2]; 0 without samples.
     x : (10,)
-    force : (GpEkfParam.CABLE_LENGTH + 4,)
-        Force on the vehicle, ned, 3 [N]; then mass, payload mass, cable length.
+    force : (7,)
+        Force on the vehicle, ned, 3 [N]; then mass and payload mass [kg], cable length [m] and the load's share.
     Z, weights, K_inv, inv_sq_scales, signal_var
         See `swingd.core.gaussian_process`; no rows: no Gaussian process.
 
@@ -107,11 +110,11 @@ def dynamics(rate_out, A_out, G_out, model_var_out, x, force, Z, weights, K_inv,
         gaussian_process.predict(mean, model_var_out, J, z, Z, weights, K_inv, inv_sq_scales, signal_var)
         for i in range(2):
             rate_out[_S.REL_VEL + i] += mean[i]
-            rate_out[_S.LOAD_VEL + i] -= mean[i]
+            rate_out[_S.LOAD_VEL + i] -= force[6] * mean[i]
             for j in range(features):
                 column = _S.REL_POS + j if j < 2 else (_S.REL_VEL + j - 2 if j < 4 else _S.LOAD_VEL + j - 4)
                 A_out[_S.REL_VEL + i, column] += J[i, j]
-                A_out[_S.LOAD_VEL + i, column] -= J[i, j]
+                A_out[_S.LOAD_VEL + i, column] -= force[6] * J[i, j]
     return _OK
 
 
@@ -145,7 +148,9 @@ def predict(x, P, force, dt_s, p, Z, weights, K_inv, inv_sq_scales, signal_var):
         return _OK
     steps = int(np.ceil(dt_s / STEP_MAX_S - 1e-9))
     h = dt_s / steps
-    u = np.empty(6)
+    u = np.empty(7)
+    share = p[_P.LOAD_SHARE]
+    u[6] = share
     for i in range(3):
         u[i] = force[i]
         u[3 + i] = p[_P.MASS + i]
@@ -177,8 +182,8 @@ def predict(x, P, force, dt_s, p, Z, weights, K_inv, inv_sq_scales, signal_var):
                     noise += G[5 + i, 3 + k] * p[_P.LOAD_FORCE_NOISE] * G[5 + j, 3 + k]
                 # Rows 0, 1 are v_p' north and east, 3, 4 v'; what the process leaves open parts them.
                 if i != 2 and j != 2 and i % 3 == j % 3:
-                    sign = 1.0 if i == j else -1.0
-                    noise += sign * model_var[i % 3] * p[_P.MODEL_MEMORY]
+                    parted = (1.0 if i >= 3 else -share) * (1.0 if j >= 3 else -share)
+                    noise += parted * model_var[i % 3] * p[_P.MODEL_MEMORY]
                 P[5 + i, 5 + j] += noise * h
                 P[i, 5 + j] += 0.5 * noise * h * h
                 P[5 + i, j] += 0.5 * noise * h * h

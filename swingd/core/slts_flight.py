@@ -4,7 +4,6 @@ Truth is `swingd.core.multirotor`: rigid body, rotors that lag, an elastic cable
 of load, frame and rotors. The filters know a rigid cable, two point masses, and the thrust that was commanded.
 """
 
-from enum import IntEnum
 from math import atan2, cos, exp, inf, nan, sin, sqrt
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from swingd.core import gp_ekf_history, path_following
 from swingd.core._jit import F8, I8, MAT, VEC, VOID, kernel
 from swingd.core.attitude_tracking import rate_between, tracking_torque
+from swingd.core.constants import GRAVITY_MPS2
 from swingd.core.gp_ekf import GpEkfParam, Source
 from swingd.core.gp_ekf_history import Node, Ring
 from swingd.core.linalg import cholesky, cholesky_solve
@@ -27,120 +27,9 @@ from swingd.core.multirotor import (
 from swingd.core.path_following import PathParam, PathState, PathTerm
 from swingd.core.rotation import matrix
 from swingd.core.slts import NUM_STATES, SltsState
+from swingd.core.slts_flight_layout import Feedback, SltsFlightLog, SltsFlightParam
 from swingd.core.status import Status
 from swingd.core.turbulence import TurbulenceState, turbulence_step
-
-
-class Feedback(IntEnum):
-    """What the path following listens to."""
-
-    GP_EKF = 0
-    EKF = 1
-    TRUTH = 2
-
-
-class SltsFlightParam(IntEnum):
-    """Offsets into the parameters, SI units."""
-
-    DT = 0
-    """Step of the plant, the gyro and the attitude loop [s]."""
-    OUTER_EVERY = 1
-    """Steps between two of the filters and the path following."""
-    FEEDBACK = 2
-    YAW = 3
-    STOP_AFTER = 4
-    """How long the load is held at the last waypoint before the flight ends [s]."""
-    BELIEVED_LAG = 5
-    """Of the rotors, as the filters take it [s]."""
-    BELIEVED_DENSITY_RATIO = 6
-    ROTOR_THRUST_MAX = 7
-    B_R = 8
-    B_OMEGA = 9
-    RATE_D_LAG = 10
-    """Low-pass on the wanted body rates [s]."""
-    WIND = 11
-    """Steady, ned, 3."""
-    TURBULENCE_WIND = 14
-    """At 6 m height, sets the turbulence's strength; 0: none [m/s]."""
-    SPAN = 15
-    LOAD_SPAN = 16
-    TILT_STD = 17
-    """Slow error of the estimated attitude about each axis [rad]."""
-    TILT_TIME = 18
-    GYRO_STD = 19
-    """White, per step [rad/s]."""
-    ACC_STD = 20
-    """White, per step [m/s^2]."""
-    ACC_BIAS = 21
-    """frd, 3 [m/s^2]."""
-    POS_STD = 24
-    """Slow error of the autopilot's position, level and vertical, 2 [m]."""
-    VEL_STD = 26
-    """Of its velocity, 2 [m/s]."""
-    GNSS_TIME = 28
-    GNSS_SMOOTHING = 29
-    """The autopilot's inertial sensors carry the error that much further [s]."""
-    GNSS_EVERY = 30
-    """Steps between two positions; velocities come halfway in between."""
-    GNSS_DELAY = 31
-    """Steps."""
-    CAMERA_PERIOD = 32
-    """[s]"""
-    CAMERA_DELAY = 33
-    """Steps."""
-    CAMERA_STD = 34
-    """Every axis [m]."""
-    CAMERA_STD_SHARE = 35
-    """Of the distance, on top."""
-    CAMERA_HALF_ANGLE = 36
-    """Of the field of view about the body's down axis [rad]."""
-    FILTER_POS_STD = 37
-    FILTER_VEL_STD = 38
-    P0 = 39
-    """Initial variances, 10."""
-    SIZE = 49
-
-
-class SltsFlightLog(IntEnum):
-    """Columns of the log, a row for every step of the filters; states as `swingd.core.slts.SltsState`."""
-
-    T = 0
-    TRUE = 1
-    """10; r and v are the vehicle's CG relative to the load."""
-    GP_EKF = 11
-    """10"""
-    GP_EKF_VAR = 21
-    """10"""
-    EKF = 31
-    """10"""
-    EKF_VAR = 41
-    """10"""
-    NEES = 51
-    """Of r and v, 4 degrees of freedom, with and without Gaussian process: 2."""
-    CAMERA = 53
-    """r of the last picture that arrived, held: 2; nan before the first."""
-    CAMERA_FRESH = 55
-    """1 where a picture was entered since the row before."""
-    TERMS = 56
-    """Of the path following, see `swingd.core.path_following.PathTerm`."""
-    LEG = 56 + int(PathTerm.SIZE)
-    FORCE = LEG + 1
-    """Thrust as believed, ned, 3 [N]."""
-    THRUST = FORCE + 3
-    """True [N]."""
-    TENSION = THRUST + 1
-    TILT = TENSION + 1
-    """True [rad]."""
-    TRUE_E_P = TILT + 1
-    """(5) with the true position, on the leg that is flown: ned, 3 [m]."""
-    TRUE_E_V = TRUE_E_P + 3
-    """(6) with the true velocity, ned, 3 [m/s]."""
-    POS = TRUE_E_V + 3
-    """Vehicle, ned, 3."""
-    QUAT = POS + 3
-    """4"""
-    SIZE = QUAT + 4
-
 
 _F = SltsFlightParam
 _L = SltsFlightLog
@@ -203,7 +92,7 @@ def _believed_attitude(R_out, quaternion, tilt):
 @kernel(F8(VEC, MAT, VEC))
 def _nees(x, P, true):
     """Normalised error squared of r and v."""
-    at = (3, 4, 8, 9)
+    at = (3, 4, 8, 9)  # r, v
     part, L, error = np.empty((4, 4)), np.empty((4, 4)), np.empty(4)
     for i in range(4):
         error[i] = x[at[i]] - true[at[i]]
@@ -310,7 +199,7 @@ def fly(
     ring_gp, ring_plain = np.zeros(_RING_SIZE), np.zeros(_RING_SIZE)
     nis = np.zeros(1)
     force, specific_force = np.zeros(3), np.zeros(3)
-    believed_thrust = (plant[MultirotorParam.MASS] + plant[MultirotorParam.LOAD_MASS]) * 9.80665
+    believed_thrust = (plant[MultirotorParam.MASS] + plant[MultirotorParam.LOAD_MASS]) * GRAVITY_MPS2
     for i in range(n):
         P[i, i] = f[_F.P0 + i]
     for i in range(3):

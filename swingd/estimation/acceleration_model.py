@@ -33,6 +33,8 @@ class Prepared:
     K_inv: FloatArray
     inv_sq_scales: FloatArray
     signal_var: FloatArray
+    load_share: float = 0.0
+    """See `AccelerationModel.load_share`."""
 
 
 NOTHING_LEARNED = Prepared(np.empty((0, 4)), np.empty((0, 2)), np.empty((0, 0)), np.ones((2, 4)), np.ones(2))
@@ -63,6 +65,8 @@ class AccelerationModel:
     """(m, 2) [m/s^2]; each the mean of neighbouring samples."""
     target_std: FloatArray
     """(m, 2) deviation of each mean: sigma_n over the root of how many it is made of [m/s^2]."""
+    load_share: float = 0.0
+    """How much of the error pushes the load, the rest pushes the vehicle, 0..1; 0 is the careful guess."""
 
     def prepare(self) -> Prepared:
         """Compute once what the filter needs at every step.
@@ -80,7 +84,7 @@ class AccelerationModel:
         status = prepare(weights, K_inv, self.features, self.targets, inv_sq_scales, signal_var, noise_var)
         if status != Status.OK:
             raise ConfigurationError("acceleration model: the samples' covariance is not positive definite")
-        return Prepared(self.features, weights, K_inv, inv_sq_scales, signal_var)
+        return Prepared(self.features, weights, K_inv, inv_sq_scales, signal_var, self.load_share)
 
     def to_json(self) -> str:
         """Return the file's text; the numbers survive it exactly."""
@@ -93,6 +97,7 @@ class AccelerationModel:
                 "outputs": OUTPUTS,
                 "length_scales": self.scales.tolist(),
                 "signal_std": self.signal_std.tolist(),
+                "load_share": self.load_share,
                 "samples": {
                     "features": self.features.tolist(),
                     "targets": self.targets.tolist(),
@@ -146,6 +151,7 @@ class AccelerationModel:
             features,
             reader.array(samples, "samples.targets", (count, NUM_OUTPUTS)),
             reader.array(samples, "samples.target_std", (count, NUM_OUTPUTS), positive=True),
+            reader.share(content, "load_share"),
         )
 
 
@@ -178,6 +184,12 @@ class _Reader:
         value = content.get(key.rpartition(".")[2])
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= NUMBER_MAX:
             raise self.refuse(key, value, f"expected a number over 0, at most {NUMBER_MAX:g}")
+        return float(value)
+
+    def share(self, content: dict[str, Any], key: str) -> float:
+        value = content.get(key)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
+            raise self.refuse(key, value, "expected a number between 0 and 1")
         return float(value)
 
     def array(

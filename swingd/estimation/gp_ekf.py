@@ -46,6 +46,17 @@ class GpEkfSettings:
     memory: int = 128
     """Steps and measurements that a late one may be older than."""
 
+    def packed(self, load_share: float) -> FloatArray:
+        """Return model and noise as (GpEkfParam.SIZE,), with the Gaussian process's share of the load."""
+        packed = np.array(
+            [
+                self.mass_kg, self.payload_mass_kg, self.cable_length_m, *np.square(self.force_noise_n),
+                self.load_force_noise_n**2, self.model_memory_s, self.nis_gate, load_share,
+            ]
+        )  # fmt: skip
+        assert packed.size == GpEkfParam.SIZE
+        return packed
+
 
 @dataclass(frozen=True, slots=True)
 class LoadMeasurement:
@@ -90,14 +101,7 @@ class GpEkf:
     def __init__(self, settings: GpEkfSettings, model: Prepared = NOTHING_LEARNED) -> None:
         self._settings = settings
         self._model = model
-        self._p = np.array(
-            [
-                settings.mass_kg, settings.payload_mass_kg, settings.cable_length_m,
-                *np.square(settings.force_noise_n), settings.load_force_noise_n**2, settings.model_memory_s,
-                settings.nis_gate,
-            ]
-        )  # fmt: skip
-        assert self._p.size == GpEkfParam.SIZE
+        self._p = settings.packed(model.load_share)
         self._nodes = np.zeros((settings.memory, Node.SIZE))
         self._covariances = np.zeros((NUM_STATES * settings.memory, NUM_STATES))
         self._ring = np.zeros(Ring.SIZE)

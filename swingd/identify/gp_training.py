@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -37,6 +37,12 @@ class Samples:
     """(n, k) r [m], v [m/s] and, where it is a feature, v_p [m/s]."""
     error: FloatArray
     """(n, 2) [m/s^2]"""
+    vehicle_error: FloatArray
+    """(n, 2) the same of the vehicle's own acceleration [m/s^2]; nan where its velocity was not logged."""
+
+    def rows(self, chosen: slice) -> "Samples":
+        """Return some of them."""
+        return Samples(self.z[chosen], self.error[chosen], self.vehicle_error[chosen])
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +93,8 @@ def samples_of(segment: Segment, trained_for: TrainedFor, with_velocity: bool = 
     rows = max(1, round(INTERVAL_S / float(np.median(np.diff(t_s)))))
     vehicle = (trained_for.mass_kg, trained_for.payload_mass_kg, trained_for.cable_length_m)
     still, acc = np.zeros(3), np.empty(6)
-    features, errors = [], []
+    features, errors, vehicle_errors = [], [], []
+    vel_load = segment.vel_load_mps if segment.vel_load_mps is not None else np.full(segment.v_mps.shape, np.nan)
     for first in range(0, t_s.size - rows, rows):
         x = np.zeros(slts.NUM_STATES)
         x[3:5], x[8:10] = segment.r_m[first], segment.v_mps[first]
@@ -102,9 +109,14 @@ def samples_of(segment: Segment, trained_for: TrainedFor, with_velocity: bool = 
         else:
             last = first + rows
             features.append(_features(segment, first, with_velocity))
-            errors.append((segment.v_mps[last] - x[8:10]) / (t_s[last] - t_s[first]))
+            since_s = t_s[last] - t_s[first]
+            error = (segment.v_mps[last] - x[8:10]) / since_s
+            errors.append(error)
+            vehicle_errors.append((vel_load[last] - vel_load[first] - x[5:7]) / since_s + error)
     width = NUM_FEATURES if with_velocity else NUM_SWING_FEATURES
-    return Samples(np.array(features).reshape(-1, width), np.array(errors).reshape(-1, 2))
+    return Samples(
+        np.array(features).reshape(-1, width), np.array(errors).reshape(-1, 2), np.array(vehicle_errors).reshape(-1, 2)
+    )
 
 
 def train(
@@ -144,7 +156,8 @@ def train(
     Hyperparameters maximise the likelihood of at most `FITTED_MAX` samples, drawn evenly. The model keeps the centres
     of the clusters that all training samples fall into, each with the mean of its samples' errors and sigma_n over the
     root of their number, corrected for the correlation of neighbours in time: a Gaussian process of few samples that
-    has seen all of them.
+    has seen all of them. Which body the error pushes shows in the vehicle's own acceleration, where its velocity was
+    logged; without it the error is taken to push the vehicle, which does less harm where it is wrong.
     """
     if find_spec("sklearn") is None:
         raise ConfigurationError("scikit-learn is not installed; expected: pip install 'swingd[train]'")
@@ -152,8 +165,8 @@ def train(
         raise LogFormatError(f"a log has no vehicle's velocity; expected columns {', '.join(VELOCITY)}")
     parts = [samples_of(segment, trained_for, with_velocity) for segment in segments]
     cuts = [round((1.0 - HELD_OUT_SHARE) * len(part.z)) for part in parts]
-    trained = _joined([Samples(part.z[:cut], part.error[:cut]) for part, cut in zip(parts, cuts, strict=True)])
-    held_out = _joined([Samples(part.z[cut:], part.error[cut:]) for part, cut in zip(parts, cuts, strict=True)])
+    trained = _joined([part.rows(slice(None, cut)) for part, cut in zip(parts, cuts, strict=True)])
+    held_out = _joined([part.rows(slice(cut, None)) for part, cut in zip(parts, cuts, strict=True)])
     if len(trained.z) < max(SAMPLES_MIN, 2 * samples):
         raise LogFormatError(
             f"the logs hold {len(trained.z)} samples of {INTERVAL_S:g} s for training; "
@@ -169,6 +182,7 @@ def train(
             scales[output], signal_std[output], noise_std[output] = _hyperparameters(trained, output)
             watch(0.5 + 0.2 * output)
         model = _compressed(trained, trained_for, scales, signal_std, noise_std, samples)
+    model = replace(model, load_share=_load_share(trained, model))
     mean, var = correction(model.prepare(), held_out.z)
     std = np.sqrt(var + noise_std**2)
     watch(1.0)
@@ -191,7 +205,24 @@ def _features(segment: Segment, row: int, with_velocity: bool) -> FloatArray:
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:
-    return Samples(np.concatenate([part.z for part in parts]), np.concatenate([part.error for part in parts]))
+    return Samples(
+        np.concatenate([part.z for part in parts]),
+        np.concatenate([part.error for part in parts]),
+        np.concatenate([part.vehicle_error for part in parts]),
+    )
+
+
+def _load_share(trained: Samples, model: AccelerationModel) -> float:
+    """Share of what the model says that the vehicle's own acceleration does not show.
+
+    The vehicle's error is regressed on the model's mean and not on the measured error, whose noise would feign a load.
+    """
+    known = np.isfinite(trained.vehicle_error).all(axis=1)
+    if not known.any():
+        return 0.0
+    mean, _ = correction(model.prepare(), trained.z[known])
+    of_vehicle = float(np.sum(mean * trained.vehicle_error[known]) / np.sum(mean * mean))
+    return float(np.clip(1.0 - of_vehicle, 0.0, 1.0))
 
 
 def _log_likelihood(error: FloatArray, std: FloatArray) -> float:

@@ -29,7 +29,7 @@ WIDER = some_process(6)
 
 def parameters(force_noise=0.25, load_noise=0.05, memory=0.3, gate=1e9):
     p = np.empty(GpEkfParam.SIZE)
-    p[:] = [MASS, PAYLOAD, LENGTH, *[force_noise**2] * 3, load_noise**2, memory, gate]
+    p[:] = [MASS, PAYLOAD, LENGTH, *[force_noise**2] * 3, load_noise**2, memory, gate, 1.0]
     return p
 
 
@@ -44,9 +44,9 @@ def hover(seed):
     return np.array([0.0, 0.0, -(MASS + PAYLOAD) * GRAVITY_MPS2]) + np.random.default_rng(seed).standard_normal(3)
 
 
-def dynamics(x, force, process):
+def dynamics(x, force, process, share=1.0):
     rate, A, G, var = np.empty(10), np.empty((10, 10)), np.empty((10, 6)), np.empty(2)
-    given = np.array([*force, MASS, PAYLOAD, LENGTH])
+    given = np.array([*force, MASS, PAYLOAD, LENGTH, share])
     assert gp_ekf.dynamics(rate, A, G, var, np.ascontiguousarray(x), given, *process) == Status.OK
     return rate, A, G, var
 
@@ -84,6 +84,10 @@ def test_what_is_learned_acts_on_the_load_and_leaves_the_vehicle_alone(process):
     assert np.abs(change[8:]).min() > 1e-3
     np.testing.assert_allclose(change[5:7], -change[8:], atol=1e-12)
     assert change[7] == 0.0
+    # An error on the vehicle leaves the load alone, and one on both divides.
+    for share in (0.0, 0.4):
+        change = dynamics(x, force, process, share)[0] - plain
+        np.testing.assert_allclose(change[5:7], -share * change[8:], atol=1e-12)
     assert (var > 0.0).all()
     assert (none == 0.0).all()
 

@@ -20,6 +20,7 @@ def some_model(count=12, features=4):
         rng.uniform(-0.5, 0.5, (count, features)),
         0.3 * rng.standard_normal((count, 2)),
         rng.uniform(0.01, 0.1, (count, 2)),
+        0.7,
     )
 
 
@@ -36,7 +37,7 @@ def read(content):
 def test_what_is_written_is_read_again_exactly(features):
     model = some_model(features=features)
     again = AccelerationModel.from_json(model.to_json(), "model.json")
-    assert again.trained_for == model.trained_for
+    assert (again.trained_for, again.load_share) == (model.trained_for, model.load_share)
     for name in ("scales", "signal_std", "features", "targets", "target_std"):
         np.testing.assert_array_equal(getattr(again, name), getattr(model, name))
     points = np.random.default_rng(2).uniform(-0.6, 0.6, (5, features))
@@ -70,6 +71,8 @@ def test_what_is_no_model_at_all(text):
         (("length_scales", 1, 2), -0.1, "length_scales: -0.1 given; expected numbers between 1e-06 and"),
         (("signal_std",), [0.1], "signal_std: .* expected 2 numbers"),
         (("signal_std", 0), None, "signal_std: None given"),
+        (("load_share",), 1.2, "load_share: 1.2 given; expected a number between 0 and 1"),
+        (("load_share",), True, "load_share: True given"),
         (("samples",), None, "samples: None given; expected an object"),
         (("samples", "features"), [], f"samples.features: .* expected 1 to {SAMPLES_MAX} rows of 4 numbers"),
         (("samples", "features"), [[0.0] * 4] * (SAMPLES_MAX + 1), "samples.features: "),

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from swingd.core import slts
@@ -250,6 +252,35 @@ def test_a_load_that_leaves_what_r_describes_begins_anew_and_stays_finite():
         assert np.isfinite(estimate.x).all()
         assert np.linalg.eigvalsh(estimate.P).min() > 0.0
     assert ekf.resets[ResetReason.ANGLE] >= 1
+
+
+ANY = st.floats(width=64)
+SANE = st.floats(-3.0, 3.0)
+STEPS = st.tuples(
+    st.just("step"), st.tuples(ANY | SANE, ANY | SANE, st.floats(-30.0, 0.0) | ANY), st.floats(-0.1, 0.7) | ANY
+)
+MEASUREMENTS = st.tuples(
+    st.sampled_from(Source), st.tuples(ANY | SANE, ANY | SANE, ANY | SANE), st.floats(0.01, 1.0) | ANY,
+    st.floats(-0.5, 0.1) | ANY,
+)  # fmt: skip
+
+
+@settings(max_examples=150)
+@given(st.lists(STEPS | MEASUREMENTS, max_size=25))
+def test_whatever_comes_the_estimate_stays_finite_and_positive(events):
+    ekf = started(Truth(1, 1), GpEkfSettings(MASS, PAYLOAD, LENGTH, memory=8))
+    for event in events:
+        if event[0] == "step":
+            status = ekf.step(np.array(event[1]), ekf.t_s + event[2])
+        else:
+            source, value, std, late_s = event
+            status = ekf.correct(LoadMeasurement(source, value, (std,) * 3, ekf.t_s + late_s))
+        assert status in Status
+        estimate = ekf.estimate()
+        assert np.isfinite(estimate.x).all()
+        assert np.isfinite(estimate.P).all()
+        assert (np.diag(estimate.P) > 0.0).all()
+        assert np.linalg.norm(estimate.x[3:5]) <= 0.96 * LENGTH
 
 
 def test_in_words_a_vehicle_that_accelerates_north_leads_its_load():

@@ -15,7 +15,7 @@ from swingd.estimation.acceleration_model import AccelerationModel, TrainedFor, 
 from swingd.identify import swing_log
 from swingd.identify.gp_training import INTERVAL_S, samples_of, train
 from swingd.identify.swing_log import Segment
-from swingd.model.errors import LogFormatError
+from swingd.model.errors import ConfigurationError, LogFormatError
 
 MASS, PAYLOAD, LENGTH = 1.52, 0.5, 1.6
 TRAINED_FOR = TrainedFor(MASS, PAYLOAD, LENGTH)
@@ -27,8 +27,11 @@ def missing(r, v):
     return -0.6 * v + 1.2 * np.sin(4.0 * r)
 
 
-def flown(seed, duration_s=40.0, noise=0.0, drag=0.0):
-    """A swing with an error of its own, as a log; v to within its noise, the load cruising to and fro."""
+def flown(seed, duration_s=40.0, noise=0.0, drag=0.0, load_share=0.0):
+    """A swing with an error of its own, as a log; v to within its noise.
+
+    With drag the load is said to cruise to and fro, else its velocity is the one that it has.
+    """
     rng = np.random.default_rng(seed)
     x, acc = np.zeros(10), np.empty(6)
     x[3:5] = 0.2 * rng.standard_normal(2)
@@ -50,12 +53,14 @@ def flown(seed, duration_s=40.0, noise=0.0, drag=0.0):
                 slts.acceleration(acc, x, force, np.zeros(3), MASS, PAYLOAD, LENGTH)
                 rate = np.concatenate([x[5:], acc[:5]])
                 rate[8:] += missing(x[3:5], x[8:]) + dragged
+                rate[5:7] -= load_share * missing(x[3:5], x[8:])
                 middle = x + 0.25 * DT_S * rate
                 slts.acceleration(acc, middle, force, np.zeros(3), MASS, PAYLOAD, LENGTH)
                 rate = np.concatenate([middle[5:], acc[:5]])
                 rate[8:] += missing(middle[3:5], middle[8:]) + dragged
+                rate[5:7] -= load_share * missing(middle[3:5], middle[8:])
                 x = x + 0.5 * DT_S * rate
-        rows.append([t_s, *force, *x[3:5], *(x[8:] + noise * rng.standard_normal(2)), *vel])
+        rows.append([t_s, *force, *x[3:5], *(x[8:] + noise * rng.standard_normal(2)), *(vel if drag else x[5:7])])
     table = np.array(rows)
     return Segment(table[:, 0], table[:, 1:4], table[:, 4:6], table[:, 6:8], table[:, 8:])
 
@@ -122,6 +127,14 @@ def test_drag_of_the_load_needs_its_velocity():
         train([replace(segments[0], vel_load_mps=None)], TRAINED_FOR, with_velocity=True)
 
 
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_which_body_the_error_pushes_shows_in_the_vehicles_acceleration(share):
+    segments = [flown(seed, noise=0.004, load_share=share) for seed in (8, 9)]
+    assert train(segments, TRAINED_FOR, 40).model.load_share == pytest.approx(share, abs=0.1)
+    silent = [replace(segment, vel_load_mps=None) for segment in segments]
+    assert train(silent, TRAINED_FOR, 40).model.load_share == 0.0
+
+
 def test_the_model_is_bounded_and_the_same_logs_give_the_same(training, segments):
     assert len(training.model.features) <= 40
     assert train(segments, TRAINED_FOR, samples=40).model.to_json() == training.model.to_json()
@@ -130,6 +143,12 @@ def test_the_model_is_bounded_and_the_same_logs_give_the_same(training, segments
 def test_too_short_logs_are_refused():
     with pytest.raises(LogFormatError, match=r"samples of 0.1 s for training; expected at least"):
         train([flown(1, 6.0)], TRAINED_FOR)
+
+
+def test_without_scikit_learn_it_says_what_to_install(segments, monkeypatch):
+    monkeypatch.setattr("swingd.identify.gp_training.find_spec", lambda name: None)
+    with pytest.raises(ConfigurationError, match=r"expected: pip install 'swingd\[train\]'"):
+        train(segments, TRAINED_FOR)
 
 
 # ---- logs

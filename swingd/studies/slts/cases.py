@@ -3,9 +3,11 @@
 from dataclasses import dataclass, field, replace
 from math import cos, pi, radians, sin
 
+from swingd.control.path_following import PathSettings
+from swingd.estimation.gp_ekf import GpEkfSettings
 from swingd.model.events import Vec3
 from swingd.studies.drones2023.vehicles import Vehicle
-from swingd.studies.slts.vehicles import FLOWN, SIMULATED
+from swingd.studies.slts.vehicles import CABLE_M, FLOWN, SIMULATED
 
 ALTITUDE_M = 10.0
 """Of the load over the ned origin."""
@@ -13,29 +15,12 @@ CRUISE_MPS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Gains:
-    """Of the path following (10) and the attitude tracking (12); the paper prints none. One set for every flight."""
+class Attitude:
+    """Gains of the attitude tracking (12), which the paper does not print."""
 
-    k_p: float = 0.7
-    """[1/s]"""
-    k_l: float = 1.5
-    """[1/s]"""
-    k_0_per_mass: float = 1.0
-    """K0 over the mass of vehicle and load [1/s]."""
-    k_r: float = 1.0
-    """[1/s]"""
-    leak: float = 1.0
-    """lambda of F [1/s]."""
-    lambda_t: float = 1.0
-    """[1/s]"""
-    kappa: float = 2.0
-    """[1/s]"""
-    lead_m: float = 1.25
-    """A leg ends where less than this is left of it."""
-    tilt_max_rad: float = radians(35.0)
-    attitude_radps: float = 14.0
-    """Natural frequency of the tilt under (12)."""
-    attitude_damping: float = 0.8
+    frequency_radps: float = 14.0
+    """Natural frequency of the tilt."""
+    damping: float = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,24 +52,19 @@ SENSORS_IN_WIND = Sensors(pos_std_m=(0.07, 0.09), vel_std_mps=(0.055, 0.055), gn
 """The autopilot's position and velocity in wind and with a noisy IMU; those of `Sensors` are of a calm flight."""
 
 
-@dataclass(frozen=True, slots=True)
-class FilterNoise:
-    """What the filters take for noise; the same with and without Gaussian process."""
-
-    force_n: Vec3 = (0.25, 0.25, 1.5)
-    """Of the thrust, ned [N/sqrt(Hz)]; its size changes with the battery, its direction does not."""
-    load_force_n: float = 0.04
-    """[N/sqrt(Hz)]"""
-    model_memory_s: float = 0.3
-    pos_std_m: float = 0.1
-    vel_std_mps: float = 0.1
-    nis_gate: float = 30.0
-    initial_std: tuple[float, ...] = (0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.5, 0.5)
-    """Of x_p, r, v_p, v."""
+def path_settings(vehicle: Vehicle, cruise_mps: float = CRUISE_MPS) -> PathSettings:
+    """Return the path following of a vehicle, its default gains: one set for every flight."""
+    return PathSettings(vehicle.mass_kg, vehicle.load_mass_kg, CABLE_M, cruise_mps)
 
 
-NOISE_IN_WIND = FilterNoise(load_force_n=0.1)
-"""Gusts push the load; no other figure differs."""
+LOAD_FORCE_NOISE_N = 0.04
+"""What the filters take to blow at the load in the calm, a small model error [N/sqrt(Hz)]."""
+LOAD_FORCE_NOISE_IN_WIND_N = 0.1
+
+
+def filter_settings(vehicle: Vehicle, load_force_noise_n: float = LOAD_FORCE_NOISE_N) -> GpEkfSettings:
+    """Return the filters' settings of a vehicle."""
+    return GpEkfSettings(vehicle.mass_kg, vehicle.load_mass_kg, CABLE_M, load_force_noise_n=load_force_noise_n)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,14 +81,18 @@ class Scenario:
     """True thrust over the one that is believed."""
     wind_ned_mps: Vec3 = (0.0, 0.0, 0.0)
     turbulence_6m_mps: float = 0.0
-    cruise_mps: float = CRUISE_MPS
+    path: PathSettings = field(default_factory=lambda: path_settings(SIMULATED))
+    filters: GpEkfSettings = field(default_factory=lambda: filter_settings(SIMULATED))
+    """Of both; one of them lacks the Gaussian process."""
+    pos_std_m: float = 0.1
+    """Of the vehicle's position, as the filters take it: errors that last for seconds count as more than they are."""
+    vel_std_mps: float = 0.1
     yaw_rad: float = 0.0
     hold_s: float = 5.0
     """At the last waypoint."""
     duration_max_s: float = 300.0
-    gains: Gains = field(default_factory=Gains)
+    attitude: Attitude = field(default_factory=Attitude)
     sensors: Sensors = field(default_factory=Sensors)
-    noise: FilterNoise = field(default_factory=FilterNoise)
 
 
 def square(side_m: float) -> tuple[Vec3, ...]:
@@ -133,8 +117,9 @@ OUTDOOR = Scenario(
     thrust_factor=0.85,
     wind_ned_mps=(-1.5, 1.0, 0.0),
     turbulence_6m_mps=3.0,
+    path=path_settings(FLOWN),
+    filters=filter_settings(FLOWN, LOAD_FORCE_NOISE_IN_WIND_N),
     sensors=SENSORS_IN_WIND,
-    noise=NOISE_IN_WIND,
 )
 SCENARIOS = (SQUARE, CIRCLE, OUTDOOR)
 
@@ -145,10 +130,13 @@ _TRAINING_PATHS = {
 }
 TRAINING = tuple(
     Scenario(
-        name, tuple((float(n), float(e), -ALTITUDE_M) for n, e in path), cruise_mps=speed, yaw_rad=0.4
+        name,
+        tuple((float(n), float(e), -ALTITUDE_M) for n, e in path),
+        path=path_settings(SIMULATED, speed),
+        yaw_rad=0.4,
     )
     for (name, path), speed in zip(_TRAINING_PATHS.items(), (2.5, 2.0, 1.5), strict=True)
-)  # fmt: skip
+)
 """None of their legs is one of the paths that are judged."""
 
 
@@ -156,5 +144,5 @@ def like(path: Scenario, other: Scenario) -> Scenario:
     """Return a path flown by another scenario's vehicle in its weather, with its sensors and filters."""
     return replace(
         other, name=f"{path.name} for {other.name}", waypoints_ned_m=path.waypoints_ned_m, start_ned_m=None,
-        cruise_mps=path.cruise_mps, yaw_rad=path.yaw_rad,
+        path=replace(other.path, cruise_mps=path.path.cruise_mps), yaw_rad=path.yaw_rad,
     )  # fmt: skip

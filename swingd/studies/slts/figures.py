@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swingd.core.slts_flight import SltsFlightLog
+from swingd.core.slts_flight_layout import SltsFlightLog
 from swingd.model.errors import StudyError
 from swingd.studies.pictures import STYLE, WIDTH_IN, save
 from swingd.studies.slts import paper
@@ -62,10 +62,10 @@ def figures(flights: Flights) -> Iterator[tuple[int, "Figure"]]:
 
 
 def _following(flight: Flight) -> "Figure":
-    """Plan beside the errors of the path, the swing and their rates."""
+    """Plan and swing seen from above, beside the errors of the path, the swing and their rates."""
     figure = _figure(6.4)
     grid = figure.add_gridspec(4, 2, width_ratios=(0.42, 0.58))
-    plan = figure.add_subplot(grid[:, 0])
+    plan, swing = figure.add_subplot(grid[:2, 0]), figure.add_subplot(grid[2:, 0])
     axes = [figure.add_subplot(grid[row, 1]) for row in range(4)]
     for axis in axes[:-1]:
         axis.sharex(axes[-1])
@@ -76,8 +76,12 @@ def _following(flight: Flight) -> "Figure":
     plan.plot(load[:, 1], load[:, 0], **FLOWN)
     plan.plot(load[0, 1], load[0, 0], "o", color="black", ms=4)
     plan.set(xlabel="east [m]", ylabel="north [m]", title="a) plan")
-    plan.set_aspect("equal", anchor="N")
-    plan.legend(loc="upper right")
+    plan.set_aspect("equal", adjustable="datalim")
+    _legend(plan)
+    r_n, r_e = flight.column(SltsFlightLog.TRUE + 3, 2).T
+    swing.plot(r_e, r_n, **(FLOWN | {"lw": 0.7}))
+    swing.set(xlabel="east [m]", ylabel="north [m]", title="c) vehicle over the load, r")
+    swing.set_aspect("equal", adjustable="datalim")
     error = flight.column(SltsFlightLog.TRUE_E_P, 3)
     printed = paper.VALUES[flight.scenario.name]
     _lines(axes[0], flight, (size(error[:, :2]), LATERAL), (np.abs(error[:, 2]), VERTICAL), legend=True)

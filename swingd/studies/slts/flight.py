@@ -8,22 +8,14 @@ from typing import Any
 import numpy as np
 
 from swingd.core.constants import GRAVITY_MPS2
-from swingd.core.gp_ekf import GpEkfParam
 from swingd.core.multirotor import Rotor
-from swingd.core.path_following import PathParam, PathTerm
-from swingd.core.slts_flight import (
-    NOISE_PER_STEP,
-    WHITE_PER_STEP,
-    Feedback,
-    SltsFlightLog,
-    SltsFlightParam,
-    fly,
-)
+from swingd.core.path_following import PathTerm
+from swingd.core.slts_flight import NOISE_PER_STEP, WHITE_PER_STEP, fly
+from swingd.core.slts_flight_layout import Feedback, SltsFlightLog, SltsFlightParam
 from swingd.estimation.acceleration_model import NOTHING_LEARNED, Prepared
 from swingd.model.errors import StudyError
 from swingd.model.estimate import FloatArray
 from swingd.studies.slts.cases import Scenario
-from swingd.studies.slts.vehicles import CABLE_M
 
 DT_S = 0.002
 """Step of the plant: Runge-Kutta at 500 Hz."""
@@ -91,7 +83,8 @@ def run(scenario: Scenario, seed: int, gp: Prepared = NOTHING_LEARNED, feedback:
     written = int(
         fly(
             log, x, vehicle.packed(), weaker, rotors, vehicle.allocation(), _flight_parameters(scenario, feedback),
-            path_parameters(scenario), filter_parameters(scenario), np.array(scenario.waypoints_ned_m, dtype=float),
+            scenario.path.packed(), scenario.filters.packed(gp.load_share),
+            np.array(scenario.waypoints_ned_m, dtype=float),
             gp.Z, gp.weights, gp.K_inv, gp.inv_sq_scales, gp.signal_var, noise, camera, white,
         )
     )  # fmt: skip
@@ -102,55 +95,12 @@ def run(scenario: Scenario, seed: int, gp: Prepared = NOTHING_LEARNED, feedback:
     return Flight(scenario, log[:written])
 
 
-def path_parameters(scenario: Scenario) -> FloatArray:
-    """Return masses, cable and gains as (PathParam.SIZE,)."""
-    vehicle, gains = scenario.vehicle, scenario.gains
-    total_kg = vehicle.mass_kg + vehicle.load_mass_kg
-    return _pack(
-        PathParam.SIZE,
-        {
-            PathParam.MASS: vehicle.mass_kg,
-            PathParam.PAYLOAD_MASS: vehicle.load_mass_kg,
-            PathParam.CABLE_LENGTH: CABLE_M,
-            PathParam.CRUISE: scenario.cruise_mps,
-            PathParam.LEAD: gains.lead_m,
-            PathParam.K_P: gains.k_p,
-            PathParam.K_L: gains.k_l,
-            PathParam.K_0: gains.k_0_per_mass * total_kg,
-            PathParam.K_R: gains.k_r,
-            PathParam.LEAK: gains.leak,
-            PathParam.LAMBDA_T: gains.lambda_t,
-            PathParam.KAPPA: gains.kappa,
-            PathParam.TILT_MAX: gains.tilt_max_rad,
-            PathParam.LIFT_MIN: 0.3 * total_kg * GRAVITY_MPS2,
-            PathParam.LIFT_MAX: 1.8 * total_kg * GRAVITY_MPS2,
-        },
-    )
-
-
-def filter_parameters(scenario: Scenario) -> FloatArray:
-    """Return the filters' model and noise as (GpEkfParam.SIZE,)."""
-    vehicle, noise = scenario.vehicle, scenario.noise
-    return _pack(
-        GpEkfParam.SIZE,
-        {
-            GpEkfParam.MASS: vehicle.mass_kg,
-            GpEkfParam.PAYLOAD_MASS: vehicle.load_mass_kg,
-            GpEkfParam.CABLE_LENGTH: CABLE_M,
-            GpEkfParam.FORCE_NOISE: np.square(noise.force_n),
-            GpEkfParam.LOAD_FORCE_NOISE: noise.load_force_n**2,
-            GpEkfParam.MODEL_MEMORY: noise.model_memory_s,
-            GpEkfParam.NIS_GATE: noise.nis_gate,
-        },
-    )
-
-
 def _flight_parameters(scenario: Scenario, feedback: Feedback) -> FloatArray:
-    vehicle, gains, sensors = scenario.vehicle, scenario.gains, scenario.sensors
+    vehicle, attitude, sensors = scenario.vehicle, scenario.attitude, scenario.sensors
     index = SltsFlightParam
     inertia = vehicle.inertia_kg_m2[0][0]
     # A small turn is half of e_r: b_r gives half of the stiffness.
-    b_r = 0.5 * inertia * gains.attitude_radps**2
+    b_r = 0.5 * inertia * attitude.frequency_radps**2
     return _pack(
         index.SIZE,
         {
@@ -163,7 +113,7 @@ def _flight_parameters(scenario: Scenario, feedback: Feedback) -> FloatArray:
             index.BELIEVED_DENSITY_RATIO: vehicle.density_ratio(scenario.waypoints_ned_m[0][2]),
             index.ROTOR_THRUST_MAX: vehicle.rotor_thrust_max_n,
             index.B_R: b_r,
-            index.B_OMEGA: 2.0 * gains.attitude_damping * inertia * gains.attitude_radps,
+            index.B_OMEGA: 2.0 * attitude.damping * inertia * attitude.frequency_radps,
             index.RATE_D_LAG: 0.05,
             index.WIND: scenario.wind_ned_mps,
             index.TURBULENCE_WIND: scenario.turbulence_6m_mps,
@@ -185,9 +135,9 @@ def _flight_parameters(scenario: Scenario, feedback: Feedback) -> FloatArray:
             index.CAMERA_STD: sensors.camera_std_m,
             index.CAMERA_STD_SHARE: sensors.camera_std_share,
             index.CAMERA_HALF_ANGLE: sensors.camera_half_angle_rad,
-            index.FILTER_POS_STD: scenario.noise.pos_std_m,
-            index.FILTER_VEL_STD: scenario.noise.vel_std_mps,
-            index.P0: np.square(scenario.noise.initial_std),
+            index.FILTER_POS_STD: scenario.pos_std_m,
+            index.FILTER_VEL_STD: scenario.vel_std_mps,
+            index.P0: np.square(scenario.filters.initial_std),
         },
     )
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swingd.core.slts_flight import SltsFlightLog
+from swingd.core.slts_flight_layout import SltsFlightLog
 from swingd.model.estimate import FloatArray
 from swingd.record.truth import BoolArray
 from swingd.studies.slts.cases import OUTDOOR

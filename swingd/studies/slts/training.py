@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swingd.core.slts_flight import SltsFlightLog
+from swingd.core.slts_flight_layout import SltsFlightLog
 from swingd.estimation.acceleration_model import Prepared, TrainedFor
 from swingd.identify.gp_training import Training, train
 from swingd.identify.swing_log import Segment, write
