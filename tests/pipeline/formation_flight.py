@@ -2,6 +2,7 @@
 
 import heapq
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -9,11 +10,13 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.core.cooperative_flight import CarrierLog, LoadLog
+from swingd.estimation import make_estimator
 from swingd.link import swing_message
 from swingd.link.codec import Encoder, Framer
 from swingd.link.formation_listener import FormationListener
 from swingd.model.actions import Health, SwingReport
 from swingd.model.disturbance import DisturbanceEstimate
+from swingd.model.events import LocalPosition
 from swingd.model.formation import (
     DirectionSource,
     FormationParameters,
@@ -22,10 +25,15 @@ from swingd.model.formation import (
     RiggedVehicle,
     SharedLoad,
 )
+from swingd.model.parameters import Parameters
+from swingd.pipeline.disturbance import DisturbanceObserver
 from swingd.pipeline.formation import Formation
+from swingd.pipeline.formation.geometry import cable_of
 from swingd.studies.cooperative import vehicles as v
+from swingd.studies.cooperative.cases import NOISE
 from swingd.studies.cooperative.estimate import CALIBRATED_DEG
 from swingd.studies.cooperative.flight import SAMPLE_S, Flight, rotations
+from swingd.studies.cooperative.measure import Carrier, measure
 
 SMOOTH_S = 0.15
 """An estimate of the cable's direction does not follow the tethers' ringing."""
@@ -87,7 +95,9 @@ def rig(flight: Flight, direction: DirectionSource = DirectionSource.SWING, **ch
 class Teller:
     """One vehicle's frames over a flight, in the order of arrival."""
 
-    def __init__(self, flight: Flight, index: int, telling: Telling, seed: int) -> None:
+    def __init__(
+        self, flight: Flight, index: int, telling: Telling, seed: int, force: Any = None, swing: Any = None
+    ) -> None:
         self.telling = telling
         self.index = index
         self.autopilot, self.swingd = Encoder(1 + index, 1), Encoder(1 + index, 191)
@@ -99,10 +109,10 @@ class Teller:
         self.vel = flight.carrier(index, CarrierLog.VEL) + telling.vel_mps * noise((n, 3))
         euler = flight.carrier(index, CarrierLog.EULER)
         self.euler = euler + telling.attitude_rad * noise((n, 3))
-        xi_zeta = swing_of(flight, index)
+        xi_zeta = swing_of(flight, index) if swing is None else swing
         self.swing = xi_zeta + telling.swing_rad * noise((n, 2))
         self.swing_rate = np.gradient(xi_zeta, SAMPLE_S, axis=0) + telling.swing_rate_radps * noise((n, 2))
-        self.force = slow_force(flight, index) + telling.force_n * noise((n, 3))
+        self.force = (slow_force(flight, index) if force is None else force) + telling.force_n * noise((n, 3))
         self.winch = flight.winch_m(index) + telling.winch_m * noise(n)
         self.t_s = flight.t_s
 
@@ -159,6 +169,62 @@ class Teller:
         return messages
 
 
+def in_ned(carrier: Carrier) -> tuple[Any, Any]:
+    """Thrust and acceleration (n, 3) of what a vehicle's sensors say."""
+    heading = rotations(np.column_stack([np.zeros((carrier.yaw_rad.size, 2)), carrier.yaw_rad]))
+    return tuple(np.einsum("nij,nj->ni", heading, vector) for vector in (carrier.thrust_n, carrier.acc_mps2))
+
+
+def observed_forces(flight: Flight, seed: int, force_noise: float) -> list[Any]:
+    """What the disturbance observer of each vehicle's swingd makes of its sensors."""
+    base = Parameters()
+    parameters = replace(
+        base,
+        vehicle=replace(base.vehicle, mass_kg=v.MASS_KG),
+        disturbance=replace(base.disturbance, source="es_lkf", force_noise=force_noise),
+    )
+    found = []
+    for index, carrier in enumerate(measure(flight, NOISE, seed)):
+        rng = np.random.default_rng([seed, index, 9])
+        observer = DisturbanceObserver(parameters)
+        thrust, _ = in_ned(carrier)
+        pos = flight.carrier(index, CarrierLog.POS) + 0.005 * rng.standard_normal(thrust.shape)
+        vel = flight.carrier(index, CarrierLog.VEL) + 0.02 * rng.standard_normal(thrust.shape)
+        rows = []
+        for row, t_s in enumerate(flight.t_s.tolist()):
+            if row % 2 == 0:
+                told = LocalPosition(t_s, t_s, tuple(pos[row].tolist()), tuple(vel[row].tolist()))
+                observer.add_position(told)
+            observer.step(t_s + SAMPLE_S, SAMPLE_S, tuple(thrust[row].tolist()), thrust_known=True)
+            rows.append(observer.estimate().force_ned_n)
+        found.append(np.array(rows))
+    return found
+
+
+def pendulum_swings(flight: Flight, seed: int) -> list[Any]:
+    """Swing angles (n, 2) that the fading-memory filter of each vehicle's swingd makes of its sensors."""
+    base = Parameters()
+    parameters = replace(
+        base,
+        vehicle=replace(base.vehicle, mass_kg=v.MASS_KG),
+        payload=replace(base.payload, mass_kg=v.LOAD_MASS_KG / v.CARRIERS),
+        cable=replace(base.cable, length_m=v.TETHER_M),
+        estimator=replace(base.estimator, name="fgdf"),
+    )
+    found = []
+    for carrier in measure(flight, NOISE, seed):
+        estimator = make_estimator(parameters)
+        thrust, acc = in_ned(carrier)
+        level = []
+        for row in range(flight.t_s.size):
+            estimator.step(thrust[row], acc[row], SAMPLE_S)
+            level.append(cable_of(estimator.estimate().x[:2])[0])
+        heading = rotations(np.column_stack([np.zeros((carrier.yaw_rad.size, 2)), carrier.yaw_rad]))
+        unit = np.einsum("nji,nj->ni", heading, np.array(level))
+        found.append(np.column_stack([np.arctan2(-unit[:, 1], unit[:, 2]), np.arcsin(unit[:, 0])]))
+    return found
+
+
 @dataclass
 class Outcome:
     """What came of a flight."""
@@ -195,13 +261,16 @@ def fly_through(
     silent: tuple[int, float, float] | None = None,
     reboot: tuple[int, float] | None = None,
     answers: bool = True,
+    forces: Sequence[Any] = (None, None),
+    swings: Sequence[Any] = (None, None),
     seed: int = 1,
 ) -> Outcome:
     """Let listeners and formation hear a flight in virtual time.
 
-    ``silent``: vehicle, from, to: nothing of it arrives. ``reboot``: vehicle, time: silent for 2 s, then another clock.
+    ``forces``, ``swings``: what is told instead of the truth. ``silent``: vehicle, from, to: nothing of it arrives.
+    ``reboot``: vehicle, time: silent for 2 s, then another clock.
     """
-    tellers = [Teller(flight, k, telling, seed) for k, telling in enumerate(tellings)]
+    tellers = [Teller(flight, k, telling, seed, forces[k], swings[k]) for k, telling in enumerate(tellings)]
     outcome = Outcome(formation=Formation(parameters))
     outcome.listeners = [FormationListener(rig, parameters.stream_rate_hz) for rig in parameters.vehicles]
     framers = [Framer() for _ in tellers]

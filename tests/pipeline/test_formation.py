@@ -35,7 +35,17 @@ from swingd.studies.cooperative import vehicles as v
 from swingd.studies.cooperative.cases import EXPERIMENT, POSITION
 from swingd.studies.cooperative.flight import SAMPLE_S, rotations, run
 
-from .formation_flight import HOST_S, ORIGINS_NED_M, Telling, fly_through, rig, truth_at
+from .formation_flight import (
+    HOST_S,
+    ORIGINS_NED_M,
+    Telling,
+    fly_through,
+    observed_forces,
+    pendulum_swings,
+    rig,
+    swing_of,
+    truth_at,
+)
 
 NOWHERE = (0.0, 0.0, 0.0)
 
@@ -87,7 +97,7 @@ def test_two_vehicles_with_clocks_and_frames_of_their_own_give_the_load_s_pose(f
 
 
 def test_the_force_on_the_vehicles_tells_the_direction_as_well(flight):
-    flown = fly_through(flight, rig(flight, DirectionSource.FORCE))
+    flown = fly_through(flight, rig(flight, DirectionSource.FORCE), until_s=25.0)
     reports = [report for report in flown.reports if report.t_mono_s > HOST_S + 1.0]
     assert {report.health for report in reports} == {Health.READY}
     found, squares = errors(flight, reports)
@@ -95,6 +105,34 @@ def test_the_force_on_the_vehicles_tells_the_direction_as_well(flight):
     assert (rms[:3] < 0.018).all()
     assert (np.degrees(rms[3:6]) < (2.5, 1.2, 2.5)).all()
     assert 1.0 < squares[:, 0].mean() < 7.5
+
+
+def of_uncertain_direction(parameters: FormationParameters) -> FormationParameters:
+    vehicles = tuple(replace(vehicle, direction_std_rad=0.03) for vehicle in parameters.vehicles)
+    return replace(parameters, vehicles=vehicles)
+
+
+def test_what_each_vehicle_s_own_swingd_finds_of_the_force_is_enough(flight):
+    parameters = of_uncertain_direction(rig(flight, DirectionSource.FORCE))
+    quiet = Telling(force_n=0.0), Telling(boot_s=7e4, force_n=0.0)
+    flown = fly_through(flight, parameters, quiet, forces=observed_forces(flight, 6, 0.5))
+    reports = [report for report in flown.reports if report.t_mono_s > HOST_S + 3.0]
+    assert {report.health for report in reports} == {Health.READY}
+    rms = np.sqrt(np.mean(errors(flight, reports)[0] ** 2, axis=0))
+    assert (rms[:3] < (0.03, 0.03, 0.01)).all()
+    assert (np.degrees(rms[3:6]) < (3.5, 1.2, 2.5)).all()
+
+
+def test_pendulum_filters_are_wrong_where_the_load_is_held_aside_and_that_is_noticed(flight):
+    parameters = of_uncertain_direction(rig(flight))
+    swings = pendulum_swings(flight, 6)
+    aside = [np.degrees(np.sqrt(np.mean((s - swing_of(flight, k))[300:, 0] ** 2))) for k, s in enumerate(swings)]
+    assert min(aside) > 10.0
+    exact = Telling(swing_rad=0.0, swing_rate_radps=0.0), Telling(boot_s=7e4, swing_rad=0.0, swing_rate_radps=0.0)
+    flown = fly_through(flight, parameters, exact, swings=swings, until_s=15.0)
+    reports = [report for report in flown.reports if report.t_mono_s > HOST_S + 3.0]
+    assert not any(report.health is Health.READY for report in reports)
+    assert any("contradict" in report.reason for report in reports)
 
 
 def test_the_pose_comes_at_its_rate_and_of_instants_that_only_advance(flown):
