@@ -170,8 +170,9 @@ class Estimator:
 
     name: str = choice(
         "swing_ekf",
-        "estimator by name: swing_ekf; baselines: fgdf (linear, fading memory), pendulum (open loop)",
-        names=("swing_ekf", "fgdf", "pendulum"),
+        "estimator by name: swing_ekf, tether-ukf (the cable's direction from the force it is felt by, without the "
+        "load's mass or wind); baselines: fgdf (linear, fading memory), pendulum (open loop)",
+        names=("swing_ekf", "tether-ukf", "fgdf", "pendulum"),
     )
     rate_hz: float = quantity(100.0, "Hz", 20.0, 400.0, "filter steps per second")
     integrator: Integrator = choice(Integrator.BACKWARD_EULER, "backward_euler, implicit_midpoint or rk4, for the mean")

@@ -17,6 +17,7 @@ from swingd.pipeline.envelope import Conditions, Fade, Part, may_leave
 from swingd.pipeline.feed_forward import FeedForward
 from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S, Evidence
 from swingd.pipeline.merge import ACC_XY, POS_XY, VEL_XY, Reference, carried, is_correctable, merge, reference_of
+from swingd.pipeline.payload_state import PayloadState
 from swingd.pipeline.reference import POSITION_AGE_MAX_S, HoldReference
 
 TEXT_EVERY_S = 5.0
@@ -124,6 +125,11 @@ class Commander:
         return self._fade > 0.0
 
     @property
+    def damps(self) -> bool:
+        """Whether the correction of the swing is in the setpoints, one that fades included."""
+        return self._fades[Part.SWING].value > 0.0
+
+    @property
     def _fade(self) -> float:
         """Of the part that is given most of."""
         return max(fade.value for fade in self._fades.values())
@@ -157,7 +163,6 @@ class Commander:
         gap: bool = False,
     ) -> Conditions:
         """Everything that decides whether a correction may leave; ``gap`` where this step lacks samples."""
-        doubt = "no disturbance is estimated" if disturbance is None else disturbance.doubt
         return Conditions(
             mode=self._parameters.mode,
             enabled=self._enabled,
@@ -174,8 +179,20 @@ class Commander:
             consistent=evidence.consistent,
             link=evidence.link and evidence.heartbeat,
             recovered=health in (Health.READY, Health.ACTIVE),
-            disturbance=doubt if self._parameters.disturbance.feed_forward else "feed-forward switched off",
+            sound=health is not Health.FAULT,
+            disturbance=self._disturbance_doubt(evidence, disturbance),
         )
+
+    def _disturbance_doubt(self, evidence: Evidence, disturbance: DisturbanceEstimate | None) -> str:
+        """Why a disturbance may not be leaned against besides what holds for every part; empty where it may."""
+        if not self._parameters.disturbance.feed_forward:
+            return "feed-forward switched off"
+        if self._kind is not AutopilotKind.PX4:
+            # Copter takes an acceleration for the derivative of its target: a steady one would move the target away.
+            return "only PX4 leans by an acceleration"
+        if evidence.payload is PayloadState.ON_GROUND:
+            return "on ground"
+        return "no disturbance is estimated" if disturbance is None else disturbance.doubt
 
     def _is_high(self) -> bool:
         """Whether the vehicle is high enough above where it was armed; where that is not known, above its origin."""
@@ -237,6 +254,7 @@ class Commander:
         for fade in self._fades.values():
             fade.cut()
         self._feed_forward.drop()
+        self._disturbance.cut()
         self._correction.reset()
         self._watch.rest()
         self.push = NO_PUSH
@@ -365,8 +383,12 @@ class Commander:
                 self.drop()
                 return None
         fade = self._fades[Part.SWING].update(allowed, now.dt_s, harmful=bool(self._watch.distrust))
-        lean = self._lean(now, self._fades[Part.DISTURBANCE].update(against_disturbance, now.dt_s))
         reference = self._inline_reference() if mode is Mode.INLINE else self._hold_reference(now)
+        if reference is None:
+            # Nothing is streamed, so nothing rises unseen: the first setpoint would be a step.
+            self._fades[Part.DISTURBANCE].cut()
+            against_disturbance = False
+        lean = self._lean(now, self._fades[Part.DISTURBANCE].update(against_disturbance, now.dt_s))
         if reference is not None:
             reference = self._shaped(reference, fade, now.dt_s)
         elif mode is Mode.INLINE:
@@ -403,7 +425,6 @@ class Commander:
             (n, e), (place_n, place_e) = reference.pos_ned_m[:2], position.pos_ned_m[:2]
             vel = (vel[0] + POSITION_GAIN_PER_S * (n - place_n), vel[1] + POSITION_GAIN_PER_S * (e - place_e))
         acc = reference.acc_ned_mps2[:2] if use & ACC_XY else (0.0, 0.0)
-        acc = (acc[0] + lean[0], acc[1] + lean[1])
         self._watch.update(
             Motion(
                 dt_s=now.dt_s,
@@ -412,6 +433,7 @@ class Commander:
                 vel_mps=turn(position.vel_ned_mps[:2], to_level_rad),
                 vel_ref_mps=turn(vel, to_level_rad) if use & (VEL_XY | POS_XY) else None,
                 acc_ref_mps2=turn(acc, to_level_rad),
+                lean_mps2=turn(lean, to_level_rad),
                 tilt_acc_mps2=now.tilt_acc_mps2,
                 heading_rad=now.level_yaw_rad,
                 push=push,

@@ -61,6 +61,8 @@ class Motion:
     """Velocity that the application's reference asks for, by its position too; None where it closes no such loop."""
     acc_ref_mps2: Vec2
     """Acceleration that it asks for besides."""
+    lean_mps2: Vec2
+    """Acceleration that is set against a disturbance: the tilt follows it, and the vehicle does not move by it."""
     tilt_acc_mps2: Vec2
     """Acceleration that the tilted thrust makes."""
     heading_rad: float
@@ -145,7 +147,7 @@ class DampingWatch:
 
     def _unanswered_gain(self, motion: Motion) -> float | None:
         """Gain of the vehicle's answer to the correction on the axis where it is surely too small, if there is one."""
-        asked, pushed = motion.acc_ref_mps2, motion.push.acc_mps2
+        asked, pushed = _sum(motion.acc_ref_mps2, motion.lean_mps2), motion.push.acc_mps2
         if motion.vel_ref_mps is not None:
             p = self._velocity_p
             asked = _sum(asked, _scaled(p, _sum(motion.vel_ref_mps, _scaled(-1.0, motion.vel_mps))))

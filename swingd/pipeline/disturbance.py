@@ -61,6 +61,8 @@ class DisturbanceObserver:
 
     def reset(self) -> None:
         """Begin anew with the next position."""
+        for axis in self._axes:
+            axis.reset()
         self._position: LocalPosition | None = None
         self._taken_s = -math.inf
         self._settled_s = 0.0

@@ -48,6 +48,10 @@ class DisturbanceFeedForward:
         self._held: Vec2 = (0.0, 0.0)
         self._acc: Vec2 = (0.0, 0.0)
 
+    def cut(self) -> None:
+        """Nothing follows it any more: the next one rises from zero. What is known of the force stays."""
+        self._acc = (0.0, 0.0)
+
     def update(self, estimate: DisturbanceEstimate | None, lift_n: float, fade: float, dt_s: float) -> Vec2:
         """Take the estimate of one step; return the acceleration to set against it.
 

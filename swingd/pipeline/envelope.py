@@ -48,6 +48,8 @@ class Conditions:
     """The link is alive and fast enough."""
     recovered: bool
     """Health is READY: nothing has spoken against the estimate for a while."""
+    sound: bool
+    """Health is not FAULT: no setpoint of swingd's leaves then."""
     disturbance: str
     """Why the disturbance may not be fed forward, as far as it depends on its estimate; empty where it may."""
 
@@ -59,7 +61,7 @@ _DISTURBANCE = frozenset({Part.DISTURBANCE})
 _REQUIRED: tuple[tuple[frozenset[Part], Callable[[Conditions], bool], Callable[[Conditions], str]], ...] = (
     (_ALWAYS, lambda c: c.mode is not Mode.SHADOW, lambda _: "mode shadow"),
     (_ALWAYS, lambda c: c.enabled, lambda _: "switched off"),
-    (_SWING, lambda c: c.trusted, lambda _: "does harm; off until enabled again"),
+    (_ALWAYS, lambda c: c.trusted, lambda _: "does harm; off until enabled again"),
     (_ALWAYS, lambda c: c.armed, lambda _: "not armed"),
     (_ALWAYS, lambda c: c.flight_mode is FlightMode.OFFBOARD, lambda c: f"flight mode is {c.flight_mode.value}"),
     (_ALWAYS, lambda c: c.high, lambda _: "too low"),
@@ -72,6 +74,7 @@ _REQUIRED: tuple[tuple[frozenset[Part], Callable[[Conditions], bool], Callable[[
     (_SWING, lambda c: c.consistent, lambda _: "measurements and model disagree"),
     (_ALWAYS, lambda c: c.link, lambda _: "link late or silent"),
     (_SWING, lambda c: c.recovered, lambda _: "health is not ready"),
+    (_DISTURBANCE, lambda c: c.sound, lambda _: "health is fault"),
     (_DISTURBANCE, lambda c: not c.disturbance, lambda c: c.disturbance),
 )
 """For which parts it must hold, what must hold, and what to say where it does not."""

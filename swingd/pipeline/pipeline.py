@@ -200,8 +200,13 @@ class Pipeline:
 
     @property
     def correcting(self) -> bool:
-        """Whether a correction is in the setpoints, one that fades included."""
+        """Whether any correction is in the setpoints, of swing or disturbance, one that fades included."""
         return self._commander.active
+
+    @property
+    def damping(self) -> bool:
+        """Whether the correction of the swing is in the setpoints, one that fades included."""
+        return self._commander.damps
 
     @property
     def withheld_by(self) -> tuple[str, ...]:
@@ -360,6 +365,9 @@ class Pipeline:
         told: list[Action] = []
         if self._payload.update(self._payload_sample(interval, thrust)):
             told.append(self._payload_changed())
+        if self._payload.state is PayloadState.ON_GROUND:
+            # What the ground carries is no force in flight.
+            self._disturbance.reset()
         if self._payload.mass is not self._mass:
             told += self._mass_changed()
         hangs = self._hangs

@@ -170,7 +170,7 @@ def _correction(engine: Engine) -> dict[str, Any]:
     if not engine.has_joined:
         return {"on": False, "enabled": enabled, "withheld_by": ["no filter runs"]}
     pipeline = engine.pipeline
-    return {"on": pipeline.correcting, "enabled": enabled, "withheld_by": list(pipeline.withheld_by)}
+    return {"on": pipeline.damping, "enabled": enabled, "withheld_by": list(pipeline.withheld_by)}
 
 
 def _disturbance(engine: Engine) -> dict[str, Any] | None:

@@ -140,13 +140,25 @@ def test_switched_off_it_fades_and_an_application_that_ends_takes_it_along() -> 
 
 def test_in_mode_shadow_it_is_estimated_and_published_alone() -> None:
     flown = truth()
-    flight = Flight(flown, replace(believed(flown, replace(OBSERVE, feed_forward=True)), mode=Mode.SHADOW)).take_off()
-    flight.run(3.0)
+    on = replace(OBSERVE, feed_forward=True)
+    flight = holding(flown, replace(believed(flown, on), mode=Mode.SHADOW))
+    in_wind(flight, 5.0)
     disturbance = flight.reports[-1].disturbance
     assert disturbance is not None
     assert disturbance.doubt == ""
-    assert disturbance.force_ned_n[2] == pytest.approx(LOAD_KG * 9.80665, abs=0.6)
+    assert disturbance.force_ned_n[0] > 0.5
+    assert flight.engine.pipeline.feed_forward_withheld_by == ("mode shadow",)
     assert flight.setpoints == []
+
+
+def test_on_the_ground_nothing_is_told() -> None:
+    flown = truth()
+    flight = Flight(flown, believed(flown, replace(OBSERVE, feed_forward=True))).run(6.0)
+    disturbance = flight.reports[-1].disturbance
+    assert disturbance is not None
+    assert disturbance.force_ned_n == (0.0, 0.0, 0.0)
+    assert disturbance.doubt == "disturbance settling"
+    assert "on ground" in flight.engine.pipeline.feed_forward_withheld_by
 
 
 def test_a_change_of_its_noise_leaves_the_swings_estimate_alone() -> None:

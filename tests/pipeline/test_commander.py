@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 
 from swingd.control.base import Vec2
+from swingd.core.constants import GRAVITY_MPS2
 from swingd.model.actions import Action, Health, PassSetpoint, Setpoint, StatusText
+from swingd.model.disturbance import DisturbanceEstimate
 from swingd.model.events import (
     AppSetpoint,
     AutopilotKind,
@@ -20,9 +22,10 @@ from swingd.model.events import (
     UnmetSetpoint,
     Vec3,
 )
-from swingd.model.parameters import Mode, Parameters
+from swingd.model.parameters import Disturbance, Mode, Parameters
 from swingd.pipeline.commander import APPLICATION_FOR_S, STEADY_S, STREAM_LOST_S, TEXT_EVERY_S, Commander, Situation
 from swingd.pipeline.correction import turn
+from swingd.pipeline.envelope import Part, withheld_by
 from swingd.pipeline.health import HEARTBEAT_LATE_S, LATE_S, Evidence
 from swingd.pipeline.payload_state import PayloadState
 
@@ -477,3 +480,99 @@ def test_the_height_counts_from_where_the_vehicle_was_armed() -> None:
     assert not at_height(bench, 50.5).sent
     at_height(bench, 51.5)
     assert at_height(bench, 51.5).sent
+
+
+# ------------------------------------------------------------------------------------- feed-forward of a disturbance
+
+LEANING = replace(Parameters(mode=Mode.INLINE), disturbance=Disturbance(source="es_lkf", feed_forward=True))
+NO_LOAD = replace(GOOD, payload=PayloadState.RELEASED)
+
+
+def wind(north_n: float) -> DisturbanceEstimate:
+    return DisturbanceEstimate((north_n, 0.0, 0.0), (0.1, 0.1, 0.1), "")
+
+
+def leaning(**changes: Any) -> Bench:
+    """A wind of 2 N has come while the feed-forward alone was in the setpoints: no load is there to be damped."""
+    bench = Bench(**{"parameters": LEANING, **changes})
+    calm = {"evidence": NO_LOAD, "health": Health.INIT}
+    bench.situation = calm | {"disturbance": wind(0.0)}
+    bench.run(3.0)
+    bench.situation = calm | {"disturbance": wind(2.0)}
+    return bench.run(2.0)
+
+
+def test_a_disturbance_is_leaned_against_without_a_load() -> None:
+    bench = leaning()
+    assert len(bench.sent) == 200
+    assert bench.passed == []
+    acc_n, acc_e, _ = bench.sent[-1][1].acc_ned_mps2
+    assert acc_n == pytest.approx(-2.0 * GRAVITY_MPS2 / 22.5, rel=1e-3)
+    assert acc_e == 0.0
+    assert bench.sent[-1][1].vel_ned_mps == bench.vel, "nothing is to move by it"
+    assert not bench.commander.damps
+    assert bench.commander.active
+
+
+def test_swing_and_disturbance_change_hands_without_a_gap_or_a_passed_setpoint() -> None:
+    bench = leaning()
+    bench.situation = {"disturbance": wind(2.0)}
+    bench.run(2.0)
+    assert bench.commander.damps
+    bench.situation = {"disturbance": DisturbanceEstimate((9.0, 0.0, 0.0), (0.1,) * 3, "late")}
+    bench.run(2.0)
+    assert (len(bench.sent), bench.passed) == (200, [])
+    assert bench.commander.feed_forward_mps2 == (0.0, 0.0)
+    assert bench.commander.damps
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"situation": {"health": Health.FAULT, "evidence": replace(NO_LOAD, finite=False)}},
+        {"situation": {"evidence": replace(NO_LOAD, payload=PayloadState.ON_GROUND)}},
+        {"situation": {"evidence": replace(NO_LOAD, fresh=False)}},
+        {"situation": {"evidence": replace(NO_LOAD, link=False)}},
+        {"mode": FlightMode.OTHER},
+        {"armed": False},
+    ],
+    ids=str,
+)
+def test_whatever_speaks_against_leaning_lets_setpoints_pass_and_nothing_chatters(change: dict[str, Any]) -> None:
+    bench = leaning()
+    situation = bench.situation | change.get("situation", {})
+    for name in ("mode", "armed"):
+        setattr(bench, name, change.get(name, getattr(bench, name)))
+    bench.situation = situation
+    bench.run(2.0)
+    for _ in range(20):
+        bench.commander.tick(situation["health"])
+        bench.run(0.05)
+        assert bench.sent == []
+    assert bench.commander.feed_forward_mps2 == (0.0, 0.0)
+
+
+def test_a_copter_is_not_leaned_it_would_take_the_acceleration_for_a_change_of_its_target() -> None:
+    bench = leaning(kind=COPTER)
+    assert bench.sent == []
+    assert "only PX4 leans" in bench.commander.conditions(NO_LOAD, Health.INIT, wind(2.0)).disturbance
+
+
+def test_a_correction_that_is_distrusted_takes_the_lean_along() -> None:
+    conditions = replace(
+        Bench(parameters=LEANING).run(1.0).commander.conditions(GOOD, Health.READY, wind(0.0)), trusted=False
+    )
+    assert withheld_by(Part.DISTURBANCE, conditions) == ("does harm; off until enabled again",)
+
+
+def test_in_mode_hold_nothing_rises_before_the_stream_begins() -> None:
+    bench = Bench(parameters=replace(LEANING, mode=Mode.HOLD), ask=False)
+    for force_n in (0.0, 3.0):
+        bench.situation = {"evidence": NO_LOAD, "health": Health.INIT, "disturbance": wind(force_n)}
+        bench.run(20.0)
+        assert bench.sent == []
+        assert not bench.commander.active
+    bench.situation = {"direction": (0.0, 0.0), "direction_rate_per_s": (0.0, 0.0), "disturbance": wind(3.0)}
+    bench.run(3.0)
+    assert len(bench.sent) > 250
+    assert max(bench.pushes) < 0.05, "the autopilot's integrator holds that wind already"

@@ -22,6 +22,7 @@ STILL = Motion(
     vel_mps=(0.0, 0.0),
     vel_ref_mps=(0.0, 0.0),
     acc_ref_mps2=(0.0, 0.0),
+    lean_mps2=(0.0, 0.0),
     tilt_acc_mps2=(0.0, 0.0),
     heading_rad=0.0,
     push=Push((0.1, 0.0)),
@@ -58,6 +59,17 @@ def test_a_swing_that_grows_over_two_periods_is_distrusted() -> None:
 @pytest.mark.parametrize(("begin_mps", "growth"), [(0.4, 1.0), (2.0, 0.5), (0.4, 1.1), (0.02, 1.4)])
 def test_a_swing_that_stays_falls_or_is_small_is_not(begin_mps: float, growth: float) -> None:
     assert fly_swing(DampingWatch(PARAMETERS), 5.0, begin_mps, growth) is None
+
+
+@pytest.mark.parametrize("payload_share", [0.15, 0.3])
+def test_leaning_against_the_loads_own_pull_explains_no_growth(payload_share: float) -> None:
+    watch = DampingWatch(PARAMETERS)
+    for k in range(round(6.0 * PERIOD_S / DT_S)):
+        load_m, rate_mps = swing(k * DT_S, 0.4, 1.3)
+        lean = (-9.8 * payload_share * load_m[0] / PARAMETERS.cable.length_m, 0.0)
+        motion = replace(STILL, load_m=load_m, load_rate_mps=rate_mps, lean_mps2=lean, tilt_acc_mps2=lean)
+        watch.update(motion)
+    assert watch.distrust == "the swing has grown over two periods"
 
 
 def test_a_swing_that_the_reference_excites_is_explained() -> None:

@@ -211,8 +211,18 @@ def test_in_doubt_the_last_of_it_fades_and_is_forgotten() -> None:
     assert leant(forward, (2.0, 0.0), 0.2) == pytest.approx((0.0, 0.0), abs=1e-9), "it begins from what is there then"
 
 
-def test_a_vehicle_without_thrust_tells_nothing_of_tilts() -> None:
-    forward = DisturbanceFeedForward(OBSERVED)
+@pytest.mark.parametrize("lift_n", [0.2 * WEIGHT_N, 0.0, -5.0, math.nan])
+def test_a_vehicle_without_thrust_tells_nothing_of_tilts(lift_n: float) -> None:
+    forward = settled()
     estimate = DisturbanceEstimate((2.0, 0.0, 0.0), (0.1,) * 3, "")
-    for lift_n in (0.0, -5.0, math.nan):
+    for _ in range(100):
         assert forward.update(estimate, lift_n, 1.0, DT_S) == (0.0, 0.0)
+
+
+def test_after_a_cut_it_rises_from_zero_and_still_knows_what_is_held() -> None:
+    forward = settled()
+    given = leant(forward, (2.0, 0.0), 5.0)
+    forward.cut()
+    first = forward.update(DisturbanceEstimate((2.0, 0.0, 0.0), (0.1,) * 3, ""), LIFT_N, 1.0, DT_S)
+    assert abs(first[0]) <= OBSERVED.control.jerk_max_mps3 * DT_S + 1e-9
+    assert leant(forward, (2.0, 0.0), 3.0) == pytest.approx(given, abs=1e-3)

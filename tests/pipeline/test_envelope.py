@@ -19,7 +19,6 @@ DOMAINS: dict[str, tuple[Any, ...]] = {
     field.name: tuple(KINDS.get(field.name, (False, True))) for field in fields(Conditions)
 } | {"disturbance": ("", "disturbance settling")}
 SWING_ALONE = {
-    "trusted": (False, True),
     "payload": tuple(PayloadState),
     **dict.fromkeys(("finite", "settled", "certain", "consistent", "recovered"), (False, True)),
 }
@@ -34,10 +33,13 @@ STREAMING = (Mode.HOLD, Mode.INLINE)
 
 def test_every_combination() -> None:
     combinations = [Conditions(*values) for values in itertools.product(*DOMAINS.values())]
-    assert len(combinations) == 3 * 3 * len(PayloadState) * 2**13
+    assert len(combinations) == 3 * 3 * len(PayloadState) * 2**14
     swing = {conditions for conditions in combinations if may_leave(Part.SWING, conditions)}
     assert swing == {
-        replace(GOOD, mode=mode, disturbance=doubt) for mode in STREAMING for doubt in DOMAINS["disturbance"]
+        replace(GOOD, mode=mode, disturbance=doubt, sound=sound)
+        for mode in STREAMING
+        for doubt in DOMAINS["disturbance"]
+        for sound in DOMAINS["sound"]
     }
     disturbance = {conditions for conditions in combinations if may_leave(Part.DISTURBANCE, conditions)}
     assert disturbance == {
