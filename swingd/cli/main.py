@@ -7,7 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 import swingd
-from swingd.cli import calibrate, check, demo, doctor, gp, identify, replay, run, schema, sim, status, study
+from swingd.cli import calibrate, check, cooperate, demo, doctor, gp, identify, replay, run, schema, sim, status, study
 from swingd.cli.process import EXIT_CODES, report
 from swingd.model.errors import SwingdError
 
@@ -62,6 +62,7 @@ def _run(ctx: typer.Context) -> None:
     sys.exit(run.main(ctx.args))
 
 
+app.command(epilog=cooperate.EXAMPLES)(cooperate.cooperate)
 app.command(epilog=status.EXAMPLES)(status.status)
 app.command(epilog=sim.EXAMPLES)(sim.sim)
 app.command(epilog=replay.EXAMPLES)(replay.replay)
