@@ -130,7 +130,7 @@ def test_pendulum_filters_are_wrong_where_the_load_is_held_aside_and_that_is_not
     assert min(aside) > 10.0
     exact = Telling(swing_rad=0.0, swing_rate_radps=0.0), Telling(boot_s=7e4, swing_rad=0.0, swing_rate_radps=0.0)
     flown = fly_through(flight, parameters, exact, swings=swings, until_s=15.0)
-    reports = [report for report in flown.reports if report.t_mono_s > HOST_S + 3.0]
+    reports = flown.reports
     assert not any(report.health is Health.READY for report in reports)
     assert any("contradict" in report.reason for report in reports)
 

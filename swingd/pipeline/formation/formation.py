@@ -237,6 +237,8 @@ class Formation:
             return
         if self._contradicted_s is None:
             self._contradicted_s = t_mono_s
+        if self._health is not Health.READY:
+            self._doubted_s = t_mono_s
         if t_mono_s - self._contradicted_s >= SETTLE_S:
             doubts.append(
                 f"the vehicles contradict each other: chi-square {pose.chi2:.3g}, at most {limit:.3g} expected"
