@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from swingd.config.draft import Draft, shown
 from swingd.config.formation_checks import CHECKS, default_of
-from swingd.config.reader import _Loader as Loader
+from swingd.config.reader import Loader as Loader
 from swingd.config.reader import yaml_problem
 from swingd.config.source import Source, read_source
 from swingd.model.errors import ConfigurationError

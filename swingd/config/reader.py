@@ -15,7 +15,7 @@ DEPTH_MAX = 16
 """Deepest nesting that is read; a configuration needs five levels."""
 
 
-class _Loader(yaml.SafeLoader):
+class Loader(yaml.SafeLoader):
     """Safe YAML whose numbers are those of YAML 1.2, which is what people and editors take them for.
 
     PyYAML follows YAML 1.1, where 1e-3 is a text, 010 is 8 and 1:30 is 90.
@@ -36,12 +36,12 @@ class _Loader(yaml.SafeLoader):
 
 
 _KEPT_TAGS = ("tag:yaml.org,2002:null", "tag:yaml.org,2002:bool")
-_Loader.yaml_implicit_resolvers = {
+Loader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in resolvers if tag in _KEPT_TAGS]
     for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
-_Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?(?:0|[1-9][0-9]*)$"), list("-+0123456789"))
-_Loader.add_implicit_resolver(
+Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?(?:0|[1-9][0-9]*)$"), list("-+0123456789"))
+Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(
         r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
@@ -85,7 +85,7 @@ def read_value(draft: Draft, path: tuple[str, ...], text: str, option: str) -> A
     yaml.YAMLError, ValueError
         If the text is not YAML; `yaml_problem` puts either in words.
     """
-    loader = _Loader(text)
+    loader = Loader(text)
     node = loader.get_single_node()
     name = ".".join(path)
     # What was said before about a list says nothing about the one that takes its place.
@@ -108,7 +108,7 @@ class _Reader:
     """Constructs what the schema knows out of nodes, noting the place of each key and the keys given twice."""
 
     draft: Draft
-    loader: _Loader
+    loader: Loader
     option: str = ""
     """Where the text was given; empty for a file, whose lines are the places."""
 
@@ -159,7 +159,7 @@ class _Reader:
 
 def _read_document(text: str) -> Draft:
     draft = Draft()
-    loader = _Loader(text)
+    loader = Loader(text)
     root = loader.get_single_node()
     reader = _Reader(draft, loader)
     if isinstance(root, yaml.MappingNode):
