@@ -118,7 +118,7 @@ def test_check_prints_endpoints_like_groups_and_where_every_link_leads() -> None
         "  system_ids                 []\n"
         "\nendpoints.2\n"
     ) in result.stdout
-    assert "\n* system_ids                 [255, 1]  (default [])\n\nwaypoints\n" in result.stdout
+    assert "\n* system_ids                 [255, 1]  (default [])\n\nwaypoints\n  none\n\nsimulation\n" in result.stdout
     assert result.stdout.endswith(
         "\nlinks\n"
         "  link.autopilot    udpin://0.0.0.0:14540\n"

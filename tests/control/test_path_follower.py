@@ -60,6 +60,20 @@ def test_progress_along_the_legs():
     assert (follower.leg, follower.holding, follower.remaining_m) == (2, True, 0.0)
 
 
+def test_another_path_begins_with_the_disturbances_that_are_known():
+    """GIVEN a thrust that is believed a tenth too small WHEN another path begins THEN the load is not let fall."""
+    follower = begun()
+    for _ in range(1000):
+        assert follower.update(at(0.0), 0.9 * HOVER, WEIGHTLESS * 2.02 / 1.52, 0.01) is Status.OK
+    known = follower.term(PathTerm.D_T)
+    assert known[2] == pytest.approx(0.1 * HOVER[2], rel=0.01)
+    other, unaware = PathFollower(SETTINGS, PATH[:2]), PathFollower(SETTINGS, PATH[:2])
+    assert other.begin(at(0.0), follower) is unaware.begin(at(0.0)) is Status.OK
+    for follows, expected in ((other, known[2]), (unaware, 0.0)):
+        assert follows.update(at(0.0), 0.9 * HOVER, WEIGHTLESS * 2.02 / 1.52, 0.0) is Status.OK
+        assert follows.term(PathTerm.D_T)[2] == pytest.approx(expected, rel=0.01, abs=1e-9)
+
+
 def test_one_waypoint_is_a_place_to_hold():
     follower = PathFollower(SETTINGS, PATH[:1])
     assert follower.begin(at(3.0)) is Status.OK
