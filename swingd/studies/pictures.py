@@ -1,6 +1,6 @@
 """How the studies' figures look, and how a set of them is written."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +37,28 @@ STYLE: Any = {
     # The same flights give the same bytes.
     "svg.hashsalt": "swingd",
 }
+
+
+def numbered(compositions: "Iterable[tuple[int, str, Callable[[], Figure]]]") -> "Iterator[tuple[int, Figure]]":
+    """Compose figures in the studies' style, one after the other.
+
+    Parameters
+    ----------
+    compositions : triples
+        Number in the paper, title, and what composes the figure.
+
+    Yields
+    ------
+    pairs of number and Figure
+        With number and title above it.
+    """
+    import matplotlib as mpl
+
+    for number, title, compose in compositions:
+        with mpl.rc_context(STYLE):
+            figure = compose()
+            figure.suptitle(f"Figure {number}. {title}", x=0.01, ha="left")
+        yield number, figure
 
 
 def save(

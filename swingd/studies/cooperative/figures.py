@@ -10,7 +10,7 @@ import numpy as np
 from swingd.core.cooperative_flight import LoadLog
 from swingd.model.estimate import FloatArray
 from swingd.studies.cooperative.study import Study, heading_direction
-from swingd.studies.pictures import STYLE, WIDTH_IN, save
+from swingd.studies.pictures import WIDTH_IN, numbered, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,13 +53,7 @@ def draw(
 
 def figures(study: Study) -> Iterator[tuple[int, "Figure"]]:
     """Draw one figure after the other, each with its number in the paper."""
-    import matplotlib as mpl
-
-    for number, (title, compose) in _FIGURES.items():
-        with mpl.rc_context(STYLE):
-            figure = compose(study)
-            figure.suptitle(f"Figure {number}. {title}", x=0.01, ha="left")
-        yield number, figure
+    return numbered((number, title, partial(compose, study)) for number, (title, compose) in _FIGURES.items())
 
 
 def tether_angles(direction: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -14,7 +14,7 @@ from swingd.studies.drones2023.flight import Flight
 from swingd.studies.drones2023.indicators import SETTLED_DEG, track_distance_m
 from swingd.studies.drones2023.potentiometer import readings
 from swingd.studies.drones2023.study import Flights
-from swingd.studies.pictures import STYLE, WIDTH_IN, save
+from swingd.studies.pictures import WIDTH_IN, numbered, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,13 +81,7 @@ def draw(
 
 def figures(flights: Flights) -> Iterator[tuple[int, "Figure"]]:
     """Draw one figure after the other, each with its number in the paper; raises as `draw` does."""
-    import matplotlib as mpl
-
-    for number, (title, compose) in _FIGURES.items():
-        with mpl.rc_context(STYLE):
-            figure = compose(flights)
-            figure.suptitle(f"Figure {number}. {title}", x=0.01, ha="left")
-        yield number, figure
+    return numbered((number, title, partial(compose, flights)) for number, (title, compose) in _FIGURES.items())
 
 
 def _position_error(flights: Flights) -> "Figure":

@@ -14,7 +14,7 @@ from swingd.model.estimate import FloatArray
 from swingd.studies.icinco2016 import paper
 from swingd.studies.icinco2016.flight import Flight
 from swingd.studies.icinco2016.study import Flights
-from swingd.studies.pictures import STYLE, WIDTH_IN, save
+from swingd.studies.pictures import WIDTH_IN, numbered, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,13 +61,7 @@ def draw(
 
 def figures(flights: Flights) -> Iterator[tuple[int, "Figure"]]:
     """Draw one figure after the other, each with its number in the paper; raises as `draw` does."""
-    import matplotlib as mpl
-
-    for number, (title, compose) in _FIGURES.items():
-        with mpl.rc_context(STYLE):
-            figure = compose(flights)
-            figure.suptitle(f"Figure {number}. {title}", x=0.01, ha="left")
-        yield number, figure
+    return numbered((number, title, partial(compose, flights)) for number, (title, compose) in _FIGURES.items())
 
 
 def _states(case: str, variant: str, flights: Flights) -> "Figure":

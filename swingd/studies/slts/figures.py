@@ -1,6 +1,7 @@
 """Figures 3 to 6 of the paper, drawn from flights of our own."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from swingd.core.slts_flight_layout import SltsFlightLog
 from swingd.model.errors import StudyError
-from swingd.studies.pictures import STYLE, WIDTH_IN, save
+from swingd.studies.pictures import WIDTH_IN, numbered, save
 from swingd.studies.slts import paper
 from swingd.studies.slts.flight import Flight
 from swingd.studies.slts.indicators import SETTLED_S, size
@@ -47,18 +48,14 @@ def draw(
 
 def figures(flights: Flights) -> Iterator[tuple[int, "Figure"]]:
     """Draw one figure after the other, each with its number in the paper; raises as `draw` does."""
-    import matplotlib as mpl
-
-    for number, (title, name) in _FIGURES.items():
-        if name not in flights:
-            raise StudyError(
-                f"no flight {name}: a figure of the study shows it; given are {', '.join(flights) or 'none'}"
-            )
-        with mpl.rc_context(STYLE):
-            compose = _filters if number == _FILTERS else _following
-            figure = compose(flights[name])
-            figure.suptitle(f"Figure {number}. {title}", x=0.01, ha="left")
-        yield number, figure
+    missing = [name for _, name in _FIGURES.values() if name not in flights]
+    if missing:
+        given = ", ".join(flights) or "none"
+        raise StudyError(f"no flight {missing[0]}: a figure of the study shows it; given are {given}")
+    return numbered(
+        (number, title, partial(_filters if number == _FILTERS else _following, flights[name]))
+        for number, (title, name) in _FIGURES.items()
+    )
 
 
 def _following(flight: Flight) -> "Figure":
