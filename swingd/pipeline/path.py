@@ -19,6 +19,8 @@ RESUME_WITHIN_S = 5.0
 """A path that was interrupted for longer waits until it is continued, or OFFBOARD is entered again."""
 STOP_S = 1.0
 """A pause holds the load where it would be after this time at its speed."""
+PLACE_MAX_M = 5e4
+"""Of the load from the autopilot's origin, on every axis: a place beyond is taken for none."""
 LIFT_TIME_CONSTANT_S = 1.0
 LIFT_OFFSET_MAX_MPS2 = 3.0
 
@@ -206,6 +208,8 @@ class PathReference:
 
     def observe(self, t_mono_s: float, x: FloatArray | None, inputs: PathInputs, dt_s: float) -> None:
         """Take the load's motion, None where the vehicle's position is late; see whether it may be led."""
+        if x is not None and not (abs(x[SltsState.LOAD_POS : SltsState.LOAD_POS + 3]) < PLACE_MAX_M).all():
+            x = None  # no leg could be laid from there
         self._x, self._inputs = x, inputs
         if self._led_s is not None and t_mono_s - self._led_s > RESUME_WITHIN_S and not self._waits:
             self._waits = True
@@ -247,7 +251,7 @@ class PathReference:
             return "interrupted: it goes on when it is continued or OFFBOARD is entered"
         if not inputs.thrust_known:
             return "thrust unknown"
-        return "position and velocity late" if self._x is None else ""
+        return "position and velocity late or out of range" if self._x is None else ""
 
     def lead(self, t_mono_s: float) -> Vec3 | None:
         """Return the acceleration that leads the load now, ned [m/s^2]; only after an `observe` without a doubt."""

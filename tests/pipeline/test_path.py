@@ -125,7 +125,7 @@ def test_an_interruption_goes_on_by_itself_or_waits() -> None:
         for _ in range(round(silent_s / DT_S)):
             assert bench.step(None) is None
         assert bench.reference.state is PathState.INTERRUPTED
-        assert bench.reference.take_texts() == ["path interrupted: position and velocity late"]
+        assert bench.reference.take_texts() == ["path interrupted: position and velocity late or out of range"]
         assert (bench.step(at()) is not None) is goes_on
         bench.reference.go_on()
         assert bench.step(at()) is not None
@@ -163,3 +163,13 @@ def test_other_waypoints_begin_a_path_anew_and_another_speed_does_not() -> None:
     bench.reference.configure(replace(parameters(), waypoints=(Waypoint(3.0), Waypoint(6.0))))
     bench.step(at(20.0, 1.0))
     assert bench.reference.progress.waypoint == 1
+
+
+@pytest.mark.parametrize("north_m", [2e5, -1e30, math.nan])
+def test_a_position_that_cannot_be_leads_nowhere_and_raises_nothing(north_m: float) -> None:
+    bench = Bench()
+    for _ in range(50):
+        assert bench.step(at()) is not None
+    assert bench.step(at(north_m)) is None
+    assert bench.reference.doubt == "position and velocity late or out of range"
+    assert bench.step(at()) is not None, "it goes on"
