@@ -153,11 +153,6 @@ class Commander:
         return max(fade.value for fade in self._fades.values())
 
     @property
-    def leading(self) -> bool:
-        """Whether the setpoints lead the load along a path."""
-        return self._path.leading
-
-    @property
     def path(self) -> PathProgress:
         """How far the path of mode `path` has come."""
         return self._path.progress

@@ -96,8 +96,6 @@ class DisturbanceObserver:
         thrust_known : bool
             False where the thrust was inferred from a model of the load: then it tells nothing of the force.
         """
-        if not self.active:
-            return
         self._t_boot_s = t_boot_s
         self._thrust_known = thrust_known
         position = self._position

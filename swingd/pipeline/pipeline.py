@@ -212,11 +212,6 @@ class Pipeline:
         return self._commander.damps
 
     @property
-    def leading(self) -> bool:
-        """Whether the setpoints lead the load along a path."""
-        return self._commander.leading
-
-    @property
     def withheld_by(self) -> tuple[str, ...]:
         """Every condition that keeps the correction of the swing off, for people; empty where it may leave."""
         reasons = self._withheld_by(Part.SWING)
@@ -448,11 +443,12 @@ class Pipeline:
         return thrust
 
     def _observe_disturbance(self, interval: ImuInterval, tilt: Tilt, thrust: ThrustReading) -> None:
-        along_x, along_y, along_z = (-thrust.thrust_n * self._rotation[:, 2]).tolist()
+        if not self._disturbance.active:
+            return
         self._disturbance.step(
             interval.t_boot_s,
             interval.dt_s,
-            (*turn((along_x, along_y), tilt.yaw_rad - tilt.level_yaw_rad), along_z),
+            _ned(-thrust.thrust_n * self._rotation[:, 2], tilt),
             thrust_known=thrust.source is not ThrustSource.REMARK_1,
         )
 
@@ -604,7 +600,6 @@ class Pipeline:
         actions += [StatusText(Severity.NOTICE, text) for text in self._commander.take_texts()]
         push = self._commander.push
         xi, zeta, xi_rate, zeta_rate, xi_std, zeta_std = self._angles.tolist()
-        force = _vec3(self._estimate.x[4:7])
         actions.append(
             SwingReport(
                 t_boot_s=interval.t_boot_s,
@@ -612,7 +607,7 @@ class Pipeline:
                 zeta_rad=zeta,
                 xi_rate_radps=xi_rate,
                 zeta_rate_radps=zeta_rate,
-                force_ned_n=(*turn((force[0], force[1]), tilt.yaw_rad - tilt.level_yaw_rad), force[2]),
+                force_ned_n=_ned(self._estimate.x[4:7], tilt),
                 xi_std_rad=xi_std,
                 zeta_std_rad=zeta_std,
                 thrust_n=thrust_n,
@@ -631,18 +626,12 @@ class Pipeline:
 
     def _path_inputs(self, tilt: Tilt, thrust: ThrustReading) -> PathInputs:
         """What leading the load needs of this interval, turned from the level frame."""
-        to_ned_rad = tilt.yaw_rad - tilt.level_yaw_rad
-
-        def ned(level: FloatArray) -> Vec3:
-            x, y, z = level.tolist()
-            return (*turn((x, y), to_ned_rad), z)
-
-        north, east, down = ned(self._acc_hook)
+        north, east, down = _ned(self._acc_hook, tilt)
         return PathInputs(
-            thrust_ned_n=ned(-thrust.thrust_n * self._rotation[:, 2]),
+            thrust_ned_n=_ned(-thrust.thrust_n * self._rotation[:, 2], tilt),
             thrust_known=thrust.source is not ThrustSource.REMARK_1,
             specific_force_ned_mps2=(north, east, down - GRAVITY_MPS2),
-            hook_ned_m=ned(self._rotation @ self._hook_frd),
+            hook_ned_m=_ned(self._rotation @ self._hook_frd, tilt),
         )
 
     # ---- time
@@ -697,6 +686,12 @@ _SEVERITIES = {
     Health.DEGRADED: Severity.WARNING,
     Health.FAULT: Severity.ERROR,
 }
+
+
+def _ned(level: FloatArray, tilt: Tilt) -> Vec3:
+    """Turn a vector of the level frame to north, east, down."""
+    x, y, z = level.tolist()
+    return (*turn((x, y), tilt.yaw_rad - tilt.level_yaw_rad), z)
 
 
 def _vec3(array: FloatArray) -> Vec3:
