@@ -1,7 +1,7 @@
 """Configurations that were found valid before, in a form that loads without pydantic and YAML.
 
 An entry belongs to the bytes of the file, the overrides, the version and the code that judges them, so that it needs no
-rule for when it is out of date: whatever changes, there is no entry yet.
+rule for when it is out of date: whatever changes, there is no entry yet. What a file said that a key names is compared.
 """
 
 import contextlib
@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import swingd
+from swingd.config.gp_model import is_current
 from swingd.config.plain import parameters_to_json, restore
 from swingd.config.source import Source, read_source
 from swingd.model.parameters import Parameters
@@ -20,9 +21,16 @@ from swingd.model.parameters import Parameters
 ENTRIES_MAX = 32
 """Entries that are kept; the ones longest unused go."""
 
-_ENTRY_BYTES_MAX = 256 * 1024
+_ENTRY_BYTES_MAX = 8 * 1024 * 1024
 _PREFIX = "configuration-"
-_JUDGES = ("config/*.py", "control/*.py", "core/constants.py", "link/url.py", "model/*.py")
+_JUDGES = (
+    "config/*.py",
+    "control/*.py",
+    "core/constants.py",
+    "estimation/acceleration_model.py",
+    "link/url.py",
+    "model/*.py",
+)
 """What decides whether a configuration is valid and what it means, below the package."""
 
 
@@ -52,7 +60,7 @@ def load_cached(path: Path | str | None = None, overrides: Sequence[str] = ()) -
     source = read_source(path, overrides)
     entry = _entry(source)
     parameters = None if entry is None else _read(entry)
-    if parameters is None:
+    if parameters is None or not is_current(parameters, source.folder):
         # Imported here, because it brings pydantic, YAML and numpy.
         from swingd.config.loader import load_source
 

@@ -103,6 +103,24 @@ def _path_thrust(p: Parameters) -> str | None:
     )
 
 
+def _camera(p: Parameters) -> str | None:
+    if p.camera.source == "none" or p.estimator.name == "gp-ekf":
+        return None
+    return (
+        f"camera.source is {p.camera.source} and estimator.name is {p.estimator.name}, which takes none; expected "
+        "gp-ekf, or camera.source none"
+    )
+
+
+def _gp_ekf_thrust(p: Parameters) -> str | None:
+    if p.estimator.name != "gp-ekf" or p.thrust.source is not ThrustSource.REMARK_1:
+        return None
+    return (
+        "thrust.source remark_1 takes the thrust from the acceleration, and gp-ekf predicts the acceleration from the "
+        "thrust; expected motors, throttle or auto"
+    )
+
+
 def _hover(p: Parameters) -> str | None:
     # Remark 1 reads no curve, and one that does not rise has been reported as such.
     if p.thrust.source is ThrustSource.REMARK_1 or _curve(p) is not None:
@@ -232,6 +250,8 @@ CHECKS = (
     Check(("disturbance.feed_forward", "disturbance.source", "thrust.source"), _disturbance),
     Check(("waypoints", "mode", "path.source"), _waypoints),
     Check(("thrust.source", "mode"), _path_thrust),
+    Check(("camera.source", "estimator.name"), _camera),
+    Check(("thrust.source", "estimator.name"), _gp_ekf_thrust),
     Check(("link.autopilot",), lambda p: _url(p.link.autopilot)),
     *(Check((LINKS[link],), partial(_endpoint, link)) for link in range(1, len(LINKS))),
     *(

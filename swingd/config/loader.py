@@ -3,6 +3,7 @@
 import difflib
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from pydantic import ValidationError
 
 from swingd.config.checks import CHECKS
 from swingd.config.draft import Draft, shown
+from swingd.config.gp_model import read_gp_model
 from swingd.config.plain import restore
 from swingd.config.reader import read_document, read_value, yaml_problem
 from swingd.config.schema import GROUPS, ITEM_KEYS, KEYS, LIST_MAX, ROOT, Group, Key, find, model_of
@@ -50,6 +52,11 @@ def load_source(source: Source) -> Parameters:
     for override in source.overrides:
         _apply(draft, override)
     parameters = _resolve(draft)
+    if not draft.is_refused("gp_ekf.model"):
+        try:
+            parameters = _with_gp_model(parameters, read_gp_model(parameters, source.folder))
+        except ConfigurationError as error:
+            draft.refuse("gp_ekf.model", str(error))
     # A key that was refused stands at its default, which is not the user's to answer for.
     for check in [check for check in CHECKS if not any(draft.is_refused(key) for key in check.keys)]:
         if text := check.find(parameters):
@@ -61,7 +68,8 @@ def load_source(source: Source) -> Parameters:
 def parameters_from_json(text: str) -> Parameters:
     """Read what `parameters_to_json` wrote.
 
-    Values that do not go together are accepted: a record must replay what was flown.
+    Values that do not go together are accepted: a record must replay what was flown. Files that keys name are not
+    read: their text is in the record.
 
     Raises
     ------
@@ -74,10 +82,18 @@ def parameters_from_json(text: str) -> Parameters:
         raise ConfigurationError(f"parameters: not JSON: {error}") from None
     if not isinstance(values, dict):
         raise ConfigurationError(f"parameters: {shown(values)} given; expected a JSON object of groups of keys")
+    gp_ekf = values.get("gp_ekf")
+    model_text = gp_ekf.pop("model_text", "") if isinstance(gp_ekf, dict) else ""
     draft = Draft(values)
     parameters = _resolve(draft)
+    if not isinstance(model_text, str):
+        draft.refuse("gp_ekf.model_text", f"{shown(model_text)} given; expected a text")
     draft.raise_problems("parameters")
-    return parameters
+    return _with_gp_model(parameters, model_text)
+
+
+def _with_gp_model(parameters: Parameters, text: str) -> Parameters:
+    return replace(parameters, gp_ekf=replace(parameters.gp_ekf, model_text=text))
 
 
 def _apply(draft: Draft, override: str) -> None:

@@ -6,13 +6,17 @@ import math
 from enum import Enum
 from typing import Any, get_args, get_origin, get_type_hints
 
-from swingd.model.parameters import Parameters
+from swingd.model.parameters import CONTENT_OF, Parameters
 
 
 def plain(value: Any) -> Any:
     """Give ``value`` as YAML and JSON write it: mappings for groups, lists, texts and numbers."""
     if dataclasses.is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        members = {field: getattr(value, field.name) for field in dataclasses.fields(value)}
+        # What a file says, where none is named, is nothing to write.
+        return {
+            field.name: plain(member) for field, member in members.items() if member or CONTENT_OF not in field.metadata
+        }
     if isinstance(value, tuple):
         return [plain(item) for item in value]
     return value.value if isinstance(value, Enum) else value
@@ -36,10 +40,11 @@ def restore(kind: Any, value: Any) -> Any:
     """
     if dataclasses.is_dataclass(kind):
         types = get_type_hints(kind)
+        contents = {field.name for field in dataclasses.fields(kind) if CONTENT_OF in field.metadata}
         names = [field.name for field in dataclasses.fields(kind)]
-        if type(value) is not dict or value.keys() != set(names):
+        if type(value) is not dict or not set(names) - contents <= value.keys() <= set(names):
             raise ValueError(f"a mapping of {', '.join(names)} is expected")
-        return kind(**{name: restore(types[name], value[name]) for name in names})  # type: ignore[operator]
+        return kind(**{name: restore(types[name], value[name]) for name in names if name in value})  # type: ignore[operator]
     if get_origin(kind) is tuple:
         first, *others = get_args(kind)
         if type(value) is not list or (others != [...] and len(value) != 1 + len(others)):

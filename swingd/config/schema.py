@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from swingd.config.plain import plain
-from swingd.model.parameters import Parameters
+from swingd.model.parameters import CONTENT_OF, Parameters
 
 TEXT_MAX = 200
 """Longest text that a key takes, in characters."""
@@ -137,6 +137,8 @@ def _group(cls: type[Any], path: tuple[str, ...]) -> Group:
     types = get_type_hints(cls)
     members: dict[str, Key | Group] = {}
     for field in dataclasses.fields(cls):
+        if CONTENT_OF in field.metadata:
+            continue
         kind = types[field.name]
         here = (*path, field.name)
         if dataclasses.is_dataclass(kind):

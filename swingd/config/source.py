@@ -11,6 +11,10 @@ SIZE_MAX = 256 * 1024
 """Largest file that is read [bytes]."""
 
 
+FILE_SIZE_MAX = 4 * 1024 * 1024
+"""Largest file that a key may name [bytes]."""
+
+
 @dataclass(frozen=True, slots=True)
 class Source:
     """What a configuration is made of."""
@@ -21,6 +25,8 @@ class Source:
     """YAML in UTF-8; empty without a file."""
     overrides: tuple[str, ...]
     """``KEY=VALUE`` each."""
+    folder: Path = Path()
+    """What the files that it names are relative to."""
 
 
 def read_source(path: Path | str | None, overrides: Sequence[str]) -> Source:
@@ -42,4 +48,28 @@ def read_source(path: Path | str | None, overrides: Sequence[str]) -> Source:
         raise ConfigurationError(f"{shown(str(path))}: {error}; expected the path of a configuration file") from None
     if len(content) > SIZE_MAX:
         raise ConfigurationError(f"{path}: larger than {SIZE_MAX // 1024} KiB; expected a configuration file in YAML")
-    return Source(str(path), content, tuple(overrides))
+    return Source(str(path), content, tuple(overrides), Path(path).parent)
+
+
+def read_named(folder: Path, name: str) -> str:
+    """Read a file that a key names.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be read, is larger than `FILE_SIZE_MAX`, or is not UTF-8; the text names the file.
+    """
+    path = folder / name
+    try:
+        with open(path, "rb") as file:
+            content = file.read(FILE_SIZE_MAX + 1)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror or error}; expected a file") from None
+    except ValueError as error:
+        raise ConfigurationError(f"{shown(str(path))}: {error}; expected a file") from None
+    if len(content) > FILE_SIZE_MAX:
+        raise ConfigurationError(f"{path}: larger than {FILE_SIZE_MAX // 1024**2} MiB")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError:
+        raise ConfigurationError(f"{path}: not UTF-8") from None

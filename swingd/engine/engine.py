@@ -85,7 +85,7 @@ _SERVED_IDS = frozenset(
     }
 )
 """What swingd answers as a component of its own."""
-_CONCERNING_IDS = ADDRESSED_IDS | {mavlink.MAVLINK_MSG_ID_TIMESYNC}
+_CONCERNING_IDS = ADDRESSED_IDS | {mavlink.MAVLINK_MSG_ID_TIMESYNC, mavlink.MAVLINK_MSG_ID_LANDING_TARGET}
 """What may be for swingd, or must not pass; nothing else needs to be looked at."""
 
 
@@ -239,6 +239,13 @@ class Engine:
             return True
         if port != AUTOPILOT and frame.msg_id in SETPOINT_IDS and self._is_met(t_mono_s, port, frame, out):
             self.router.learn(port, frame)
+            return True
+        if frame.msg_id == mavlink.MAVLINK_MSG_ID_LANDING_TARGET and self._is_load(frame):
+            sighting = self.adapter.sighting(t_mono_s, frame)
+            if sighting is not None:
+                self._step(sighting, out)
+            # The autopilot would take the load for a place to land on.
+            out += [(to, frame.raw) for to in self.router.route(port, frame) if to != AUTOPILOT]
             return True
         if frame.msg_id == mavlink.MAVLINK_MSG_ID_SETUP_SIGNING:
             self.drops[Drop.SIGNING_KEY] += 1
@@ -521,6 +528,11 @@ class Engine:
             0,
             mavlink.MAV_COMP_ID_AUTOPILOT1,
         )
+
+    def _is_load(self, frame: Frame) -> bool:
+        """Whether a LANDING_TARGET is of the load."""
+        camera = self._parameters.camera
+        return camera.source == "landing_target" and frame.message.target_num == camera.target_num
 
     def _is_for_swingd(self, frame: Frame) -> bool:
         """Whether a frame concerns nobody else; the clock's answers do not tell for whom they are."""

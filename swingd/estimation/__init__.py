@@ -2,17 +2,28 @@
 
 from collections.abc import Callable
 
-from swingd.estimation.base import SwingEstimator
+from swingd.estimation.base import LoadEstimator, SwingEstimator
 from swingd.estimation.fgdf import Fgdf
+from swingd.estimation.gp_swing import GpSwing
 from swingd.estimation.pendulum import Pendulum
 from swingd.estimation.swing_ekf import SwingEkf
 from swingd.estimation.tether_ukf import TetherUkf
 from swingd.model.parameters import Parameters
 
-__all__ = ["Fgdf", "Pendulum", "SwingEkf", "SwingEstimator", "TetherUkf", "make_estimator"]
+__all__ = [
+    "Fgdf",
+    "GpSwing",
+    "LoadEstimator",
+    "Pendulum",
+    "SwingEkf",
+    "SwingEstimator",
+    "TetherUkf",
+    "make_estimator",
+]
 
 _BY_NAME: dict[str, Callable[[Parameters], SwingEstimator]] = {
     "swing_ekf": SwingEkf,
+    "gp-ekf": GpSwing,
     "tether-ukf": TetherUkf,
     "fgdf": Fgdf,
     "pendulum": Pendulum,

@@ -1,10 +1,13 @@
 """The protocol of the swing estimators."""
 
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
+from swingd.core.gp_ekf import Source
 from swingd.core.status import Status
 from swingd.core.swing_ekf import ANGLE_MAX_RAD, State
 from swingd.model.estimate import FloatArray, ResetReason, SwingEstimate
+from swingd.model.events import Vec3
 
 INTERVAL_MAX_S = 10.0
 ANGLE_STD_MAX_RAD = 1.0
@@ -37,6 +40,19 @@ def fault_of(x: FloatArray, P: FloatArray, gated_s: float) -> ResetReason | None
     if gated_s > GATED_MAX_S:
         return ResetReason.INNOVATION
     return None
+
+
+@dataclass(frozen=True, slots=True)
+class LoadMeasurement:
+    """One measurement of one source."""
+
+    source: Source
+    value: Vec3
+    """ned: vehicle's position [m] or velocity [m/s], or the vehicle relative to the load [m]."""
+    std: Vec3
+    """Deviation of each component, > 0."""
+    t_s: float
+    """When it was taken, by the clock of the steps."""
 
 
 class SwingEstimator(Protocol):
@@ -74,3 +90,35 @@ class SwingEstimator(Protocol):
 
     def reset(self, reason: ResetReason, force_n: tuple[float, float, float] | None = None) -> None:
         """Begin anew with the load at rest below; ``force_n`` is the disturbance where it was measured just before."""
+
+
+@runtime_checkable
+class LoadEstimator(SwingEstimator, Protocol):
+    """Estimates besides where the load is, from sources that come when they come, each with its own time."""
+
+    def stand(self, t_boot_s: float, to_ned_rad: float) -> None:
+        """Tell how the interval that the next `step` advances over ends.
+
+        Parameters
+        ----------
+        t_boot_s : float
+            When, by the clock of the measurements' stamps [s].
+        to_ned_rad : float
+            By how much vectors of the level frame are turned to be vectors of ned.
+        """
+
+    def correct(self, measurement: LoadMeasurement) -> Status:
+        """Take a measurement of the vehicle's hook or of the load.
+
+        Returns
+        -------
+        Status
+            ``OK``, ``GATED``; ``TOO_LATE`` where it is older than what is remembered, ``INPUT_INVALID`` where it cannot
+            be used; anything else where the estimate began anew instead, which the next `step` answers too.
+        """
+
+    def turn(self, yaw_jump_rad: float) -> None:
+        """The autopilot's yaw was reset by this much: thrust was turned to ned by a wrong one."""
+
+    def load(self) -> FloatArray | None:
+        """Return position and velocity of load and cable (10,), `swingd.core.slts.SltsState`; None where unknown."""

@@ -1,5 +1,6 @@
 """The GP-EKF as an object with state: load and cable from the vehicle's thrust, position and velocity, and a camera."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from swingd.core.gp_ekf_history import Node, Ring
 from swingd.core.slts import SltsState
 from swingd.core.status import Status
 from swingd.estimation.acceleration_model import NOTHING_LEARNED, Prepared
-from swingd.estimation.base import GATED_MAX_S, INPUT_MAX
+from swingd.estimation.base import GATED_MAX_S, INPUT_MAX, LoadMeasurement
 from swingd.model.estimate import FloatArray, ResetReason
 from swingd.model.events import Vec3
 
@@ -59,19 +60,6 @@ class GpEkfSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class LoadMeasurement:
-    """One measurement of one source."""
-
-    source: Source
-    value: Vec3
-    """ned: vehicle's position [m] or velocity [m/s], or the vehicle relative to the load [m]."""
-    std: Vec3
-    """Deviation of each component, > 0."""
-    t_s: float
-    """When it was taken, by the clock of the steps."""
-
-
-@dataclass(frozen=True, slots=True)
 class LoadEstimate:
     """State after the newest step or measurement."""
 
@@ -105,6 +93,7 @@ class GpEkf:
         self._nodes = np.zeros((settings.memory, Node.SIZE))
         self._covariances = np.zeros((NUM_STATES * settings.memory, NUM_STATES))
         self._ring = np.zeros(Ring.SIZE)
+        self._hover = np.array([0.0, 0.0, -(settings.mass_kg + settings.payload_mass_kg) * GRAVITY_MPS2])
         self._P_init = np.diag(np.square(settings.initial_std))
         self._x, self._P = np.zeros(NUM_STATES), self._P_init.copy()
         self._nis = np.zeros(1)
@@ -142,7 +131,7 @@ class GpEkf:
             return Status.INPUT_INVALID
         since_s = t_s - self.t_s
         if since_s < -CLOCK_JUMP_S or since_s > GAP_MAX_S:
-            self._begin(t_s, ResetReason.GAP if since_s > 0.0 else ResetReason.CLOCK)
+            self._begin_anew(t_s, ResetReason.GAP if since_s > 0.0 else ResetReason.CLOCK)
             return Status.NOT_CONVERGED
         force = np.ascontiguousarray(force_ned_n, dtype=float)
         m = self._model
@@ -173,7 +162,7 @@ class GpEkf:
             if source is not Source.VEHICLE_POS:
                 return Status.INPUT_INVALID
             self._seen[source] = measurement.value
-            self._begin(measurement.t_s, ResetReason.START)
+            self._begin_anew(measurement.t_s, ResetReason.START)
             return Status.OK
         m = self._model
         status = Status(
@@ -204,7 +193,30 @@ class GpEkf:
 
     def reset(self, reason: ResetReason) -> None:
         """Begin anew at the last step: the load at rest below where the vehicle was seen last."""
-        self._begin(self.t_s, reason)
+        self._begin_anew(self.t_s, reason)
+
+    def begin(self, t_s: float, pos_ned_m: Vec3, vel_ned_mps: Vec3) -> None:
+        """Begin at a time: the load at rest below a vehicle of this position and velocity."""
+        self._seen = {Source.VEHICLE_POS: pos_ned_m, Source.VEHICLE_VEL: vel_ned_mps}
+        self._begin(t_s)
+
+    def turn(self, yaw_jump_rad: float) -> None:
+        """Turn cable and swing about the vehicle: the autopilot has reset the yaw by which thrust was turned to ned.
+
+        What was measured before is forgotten: it belongs to the old yaw.
+        """
+        if not self.started:
+            return
+        c, s = math.cos(yaw_jump_rad), math.sin(yaw_jump_rad)
+        R = np.array([[c, -s], [s, c]])
+        T = np.eye(NUM_STATES)
+        for pos, rel in ((SltsState.LOAD_POS, SltsState.REL_POS), (SltsState.LOAD_VEL, SltsState.REL_VEL)):
+            # The vehicle stays where it is, and the load goes about it.
+            T[pos : pos + 2, rel : rel + 2] = np.eye(2) - R
+            T[rel : rel + 2, rel : rel + 2] = R
+        self._x[:] = T @ self._x
+        self._P[:] = T @ self._P @ T.T
+        kernels.begin(self._nodes, self._covariances, self._ring, self.t_s, self._x, self._P, self._hover)
 
     def _judged(self, status: Status) -> Status:
         """Take over what the kernels left, or begin anew where it cannot be used."""
@@ -219,17 +231,18 @@ class GpEkf:
             return Status.NOT_CONVERGED
         return status
 
-    def _begin(self, t_s: float, reason: ResetReason) -> None:
+    def _begin_anew(self, t_s: float, reason: ResetReason) -> None:
         self.resets[reason] += 1
+        if Source.VEHICLE_POS in self._seen:
+            self._begin(t_s)
+
+    def _begin(self, t_s: float) -> None:
         self._gated_since_s = dict.fromkeys(Source)
-        if Source.VEHICLE_POS not in self._seen:
-            return
         s = self._settings
         self._x[:] = 0.0
         self._x[SltsState.LOAD_POS : SltsState.LOAD_POS + 3] = self._seen[Source.VEHICLE_POS]
         self._x[SltsState.LOAD_POS + 2] += s.cable_length_m
         self._x[SltsState.LOAD_VEL : SltsState.LOAD_VEL + 3] = self._seen.get(Source.VEHICLE_VEL, (0.0, 0.0, 0.0))
         self._P[:] = self._P_init
-        hover = np.array([0.0, 0.0, -(s.mass_kg + s.payload_mass_kg) * GRAVITY_MPS2])
-        kernels.begin(self._nodes, self._covariances, self._ring, t_s, self._x, self._P, hover)
+        kernels.begin(self._nodes, self._covariances, self._ring, t_s, self._x, self._P, self._hover)
         self.started = True

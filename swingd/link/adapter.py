@@ -9,6 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.link import swing_message
+from swingd.link.camera_reader import CameraReader
 from swingd.link.codec import Frame, Framer
 from swingd.link.setpoints import (
     ACC_MAX_MPS2,
@@ -45,6 +46,7 @@ from swingd.model.events import (
     AutopilotState,
     Event,
     FlightMode,
+    LoadSighting,
     RoundTrip,
     SetpointUse,
     Stream,
@@ -132,6 +134,7 @@ class AutopilotAdapter:
         """Samples that became events."""
         self.system_id = link.system_id or 1
         """The system that swingd is a component of: the autopilot's, once it is known."""
+        self._camera = CameraReader(self.drops)
         self._framer = Framer()
         self._system_id_wanted = link.system_id
         self._component_id = link.component_id
@@ -222,6 +225,18 @@ class AutopilotAdapter:
         if self.autopilot is None or frame.msg_id not in SETPOINT_IDS:
             return None
         return meet(self.autopilot.kind, frame.message, self._telemetry.view, t_mono_s, source, shaper)
+
+    def sighting(self, t_mono_s: float, frame: Frame) -> LoadSighting | None:
+        """Return what a camera's LANDING_TARGET of the load says; None (counted) where it cannot be used; never raises.
+
+        Parameters
+        ----------
+        t_mono_s : float
+            The host's monotonic clock at its arrival [s].
+        frame : Frame
+            LANDING_TARGET, from whatever side.
+        """
+        return self._camera.take(t_mono_s, frame, self._telemetry)
 
     def _discover(self, frame: Frame) -> AutopilotId | None:
         if frame.component_id != mavlink.MAV_COMP_ID_AUTOPILOT1 or frame.system_id == 0:

@@ -43,6 +43,8 @@ class Drop(Enum):
     """The stamp cannot be related to the boot clock yet."""
     SETPOINT_FRAME = "setpoint_frame"
     """A setpoint addressed to swingd in another frame than LOCAL_NED, or as a force."""
+    TARGET_FRAME = "target_frame"
+    """LANDING_TARGET of the load without a position, or in another frame than BODY_FRD or LOCAL_NED."""
     OUTGOING = "outgoing"
     """An action that cannot be sent: no autopilot known, not finite, or a setpoint that the autopilot would misread."""
 
@@ -153,6 +155,10 @@ class Stamps:
         known_s = clocks.unix_minus_boot_s
         if known_s is None or abs(difference_s - known_s) > _UNIX_STEP_S:
             clocks.unix_minus_boot_s = difference_s
+
+    def boot_time(self, t_mono_s: float) -> float | None:
+        """Return the boot time [s] that the quickest delivery would have at a time; None where it is not known yet."""
+        return self._expected_s(t_mono_s)
 
     def _expected_s(self, t_mono_s: float) -> float | None:
         offset_s = self._clocks.boot.offset_s

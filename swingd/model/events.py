@@ -114,6 +114,26 @@ class LocalPosition:
     vel_ned_mps: Vec3
 
 
+class SightingFrame(Enum):
+    """What the coordinates of a `LoadSighting` count from."""
+
+    BODY_FRD = "body_frd"
+    """From the camera's reference point on the vehicle: forward, right, down."""
+    LOCAL_NED = "local_ned"
+    """From the autopilot's local origin: north, east, down."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoadSighting:
+    """A camera saw the load (LANDING_TARGET)."""
+
+    t_mono_s: float
+    t_boot_s: float
+    """When the picture was taken, as if the messages that come the quickest had taken no time."""
+    position_m: Vec3
+    frame: SightingFrame
+
+
 @dataclass(frozen=True, slots=True)
 class AutopilotState:
     """Arming and mode, from the autopilot's HEARTBEAT."""
@@ -271,6 +291,7 @@ Event = (
     | Motors
     | Battery
     | LocalPosition
+    | LoadSighting
     | AutopilotState
     | Landed
     | AutopilotRestart

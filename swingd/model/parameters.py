@@ -88,6 +88,19 @@ def choice(default: Any, text: str, names: tuple[str, ...] = (), mavlink: str = 
     return field(default=default, metadata={"text": text, "names": names, "mavlink": mavlink})
 
 
+CONTENT_OF = "content_of"
+"""Marks the field of a `content_of` in its metadata, with the key's name."""
+
+
+def content_of(key: str) -> Any:
+    """Declare the text of the file that another key of the same group names.
+
+    It is no key itself: the loader fills it, and it travels with the parameters, so that what was recorded can be
+    replayed where the file is not.
+    """
+    return field(default="", metadata={CONTENT_OF: key})
+
+
 @dataclass(frozen=True, slots=True)
 class Vehicle:
     """The multirotor without its load."""
@@ -172,9 +185,10 @@ class Estimator:
 
     name: str = choice(
         "swing_ekf",
-        "estimator by name: swing_ekf, tether-ukf (the cable's direction from the force it is felt by, without the "
-        "load's mass or wind); baselines: fgdf (linear, fading memory), pendulum (open loop)",
-        names=("swing_ekf", "tether-ukf", "fgdf", "pendulum"),
+        "estimator by name: swing_ekf; gp-ekf (thrust, position and, where there is one, a camera that sees the load; "
+        "keys in gp_ekf); tether-ukf (the cable's direction from the force it is felt by, without the load's mass or "
+        "wind); baselines: fgdf (linear, fading memory), pendulum (open loop)",
+        names=("swing_ekf", "gp-ekf", "tether-ukf", "fgdf", "pendulum"),
     )
     rate_hz: float = quantity(100.0, "Hz", 20.0, 400.0, "filter steps per second")
     integrator: Integrator = choice(Integrator.BACKWARD_EULER, "backward_euler, implicit_midpoint or rk4, for the mean")
@@ -247,6 +261,59 @@ class Estimator:
     fgdf_angle_noise_rad: float = quantity(
         0.2, "rad", 1e-4, 3.0, "fgdf: deviation of one sample of the angles that the cable force shows"
     )
+
+
+@dataclass(frozen=True, slots=True)
+class GpEkf:
+    """What estimator.name gp-ekf needs besides."""
+
+    model: str = choice(
+        "none",
+        "what was learned of the cable's acceleration: a file by swingd gp train, beside this configuration; or none",
+    )
+    model_text: str = content_of("model")
+    thrust_noise: float = quantity(
+        0.16,
+        "N/sqrt(Hz) per kg of vehicle",
+        1e-4,
+        100.0,
+        "horizontal density of what pushes the vehicle besides thrust",
+    )
+    thrust_noise_vertical: float = quantity(
+        1.0, "N/sqrt(Hz) per kg of vehicle", 1e-4, 100.0, "vertical density: the thrust's size is less certain"
+    )
+    load_force_noise: float = quantity(
+        0.1, "N/sqrt(Hz) per kg of load", 1e-4, 100.0, "density of what pushes the load: its drag, wind"
+    )
+    pos_noise: float = quantity(
+        0.02,
+        "m/sqrt(Hz)",
+        1e-4,
+        10.0,
+        "density of the autopilot's position: 0.1 m at 25 Hz, for its errors last seconds",
+    )
+    vel_noise: float = quantity(0.02, "m/s/sqrt(Hz)", 1e-4, 10.0, "density of the autopilot's velocity")
+    model_memory_s: float = quantity(
+        0.3, "s", 0.01, 10.0, "for how long an error that the learned model allows for keeps its sign"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A camera that sees the load, by LANDING_TARGET; gp-ekf takes it."""
+
+    source: str = choice(
+        "none",
+        "landing_target: LANDING_TARGET with a position, which then no longer reaches the autopilot; or none",
+        names=("none", "landing_target"),
+    )
+    target_num: int = quantity(0, "1", 0, 255, "number of the target that is the load; others pass")
+    delay_s: float = quantity(0.08, "s", 0.0, 0.5, "age of a picture when its message usually comes")
+    position_frd_m: tuple[float, float, float] = quantity(
+        (0.0, 0.0, 0.0), "m", -10.0, 10.0, "what positions in MAV_FRAME_BODY_FRD count from, from the centre of gravity"
+    )
+    noise_m: float = quantity(0.03, "m", 1e-4, 10.0, "deviation of the load's position on every axis")
+    noise_share: float = quantity(0.02, "1", 0.0, 1.0, "of the distance, on top of it")
 
 
 @dataclass(frozen=True, slots=True)
@@ -496,6 +563,8 @@ class Parameters:
     cable: Cable = field(default_factory=Cable)
     thrust: Thrust = field(default_factory=Thrust)
     estimator: Estimator = field(default_factory=Estimator)
+    gp_ekf: GpEkf = field(default_factory=GpEkf)
+    camera: Camera = field(default_factory=Camera)
     disturbance: Disturbance = field(default_factory=Disturbance)
     autopilot: Autopilot = field(default_factory=Autopilot)
     control: Control = field(default_factory=Control)

@@ -10,7 +10,7 @@ import numpy as np
 from swingd.core.level import filter_inputs, level_from_frd, swing_in_heading
 from swingd.core.status import Status
 from swingd.core.swing_ekf import GRAVITY_MPS2
-from swingd.estimation import make_estimator
+from swingd.estimation import LoadEstimator, make_estimator
 from swingd.model.actions import (
     Action,
     ClockRequest,
@@ -34,6 +34,7 @@ from swingd.model.events import (
     Imu,
     Landed,
     LandedState,
+    LoadSighting,
     LocalPosition,
     Mission,
     Motors,
@@ -54,6 +55,7 @@ from swingd.pipeline.correction import turn
 from swingd.pipeline.disturbance import DisturbanceObserver
 from swingd.pipeline.envelope import Part, withheld_by
 from swingd.pipeline.health import Evidence, HealthWatch, StreamState, StreamWatch
+from swingd.pipeline.load_sources import LoadSources
 from swingd.pipeline.path import PathInputs, PathProgress
 from swingd.pipeline.payload_mass import MassEstimate
 from swingd.pipeline.payload_state import PayloadSample, PayloadState, PayloadWatch
@@ -75,7 +77,7 @@ MASS_STD_SHARE = 0.15
 TEXT_EVERY_S = 1.0
 LANDED_FOR_S = 1.0
 """The land detector must say so for this long."""
-ESTIMATED_FROM = ("vehicle", "payload", "cable", "thrust", "estimator", "link.imu_rate_hz")
+ESTIMATED_FROM = ("vehicle", "payload", "cable", "thrust", "estimator", "gp_ekf", "camera", "link.imu_rate_hz")
 """Parameters that the estimate and the watch over its inputs are built from."""
 DISTURBANCE_FROM = tuple(f"disturbance.{name}" for name in ("source", "force_noise", "pos_noise_m", "vel_noise_mps"))
 """What the estimate of the disturbance is built from besides."""
@@ -122,7 +124,7 @@ class Pipeline:
         self._payload = PayloadWatch(parameters)
         self._mass = self._payload.mass
         self._payload_mass_kg = parameters.payload.mass_kg
-        self._estimator = make_estimator(parameters)
+        self._take_estimator(parameters)
         self._disturbance = DisturbanceObserver(parameters)
         self._streams = StreamWatch(parameters)
         self._health = HealthWatch(parameters)
@@ -141,6 +143,10 @@ class Pipeline:
         self._force = np.empty(3)
         self._angles = np.empty(6)
         self._vector = np.empty(4)
+
+    def _take_estimator(self, parameters: Parameters) -> None:
+        self._estimator = estimator = make_estimator(parameters)
+        self._load = LoadSources(parameters, estimator) if isinstance(estimator, LoadEstimator) else None
 
     @property
     def parameters(self) -> Parameters:
@@ -167,9 +173,11 @@ class Pipeline:
     @property
     def refusals(self) -> dict[str, int]:
         """How often an input was not used, by what it was: ``imu`` (not finite, not newer), ``voltage`` (implausible),
-        ``no_attitude`` (filter steps without a fresh one), ``gated`` (measurements beyond `nis_gate`), ``reference``.
+        ``no_attitude`` (filter steps without a fresh one), ``gated`` (measurements beyond `nis_gate`), ``sighting`` (of
+        the load: gated, too late, or of a time without an attitude), ``reference``.
         """
-        return {**self._refusals, "reference": self._commander.refused_references}
+        sightings = {} if self._load is None else {"sighting": self._load.unused}
+        return {**self._refusals, **sightings, "reference": self._commander.refused_references}
 
     @property
     def resets(self) -> dict[ResetReason, int]:
@@ -270,6 +278,9 @@ class Pipeline:
                 self._streams.arrived(Stream.ATTITUDE, event.t_mono_s)
                 self._attitude.add(event)
                 yaw_jump_rad = self._attitude.take_yaw_jump()
+                if self._load is not None:
+                    self._load.add_attitude(event)
+                    self._load.turn(yaw_jump_rad)
                 self._commander.turn(yaw_jump_rad)
                 self._disturbance.turn(yaw_jump_rad)
                 if self._attitude.take_tilt_jump() and self._hangs:
@@ -285,6 +296,11 @@ class Pipeline:
                 self._position = event
                 self._commander.add_position(event)
                 self._disturbance.add_position(event)
+                if self._load is not None:
+                    self._load.add_position(event)
+            case LoadSighting():
+                if self._load is not None:
+                    self._load.add_sighting(event)
             case Battery():
                 self._streams.arrived(Stream.BATTERY, event.t_mono_s)
                 if not self._thrust.add_battery(event):
@@ -317,6 +333,8 @@ class Pipeline:
                 self._blind_s = 0.0
                 self._thrust.reset_clock()
                 self._position = None
+                if self._load is not None:
+                    self._load.reset()
                 self._disturbance.reset()
                 self._commander.autopilot_restarted()
                 self._streams.restarted()
@@ -381,6 +399,8 @@ class Pipeline:
             self._disturbance.reset()
             return []
         thrust = self._read_inputs(interval, tilt)
+        if self._load is not None:
+            self._stand(self._load, interval, tilt)
         self._observe_disturbance(interval, tilt, thrust)
         told: list[Action] = []
         if self._payload.update(self._payload_sample(interval, thrust)):
@@ -441,6 +461,12 @@ class Pipeline:
         thrust = self._thrust.read(interval.t_mean_s, self._calibration.scale, _vec3(self._acc_hook), known_force)
         self._force -= thrust.thrust_n * self._rotation[:, 2]
         return thrust
+
+    def _stand(self, load: LoadSources, interval: ImuInterval, tilt: Tilt) -> None:
+        """Tell an estimator of the load where it is: time, heading, hook."""
+        hook_vel_frd = np.cross(interval.gyro_frd, self._hook_frd)
+        hook, hook_vel = (_ned(self._rotation @ vector, tilt) for vector in (self._hook_frd, hook_vel_frd))
+        load.stand(interval.t_boot_s, tilt.yaw_rad - tilt.level_yaw_rad, hook, hook_vel)
 
     def _observe_disturbance(self, interval: ImuInterval, tilt: Tilt, thrust: ThrustReading) -> None:
         if not self._disturbance.active:
@@ -541,7 +567,7 @@ class Pipeline:
         self._payload_mass_kg = mass_kg
         weighed = replace(parameters, payload=replace(parameters.payload, mass_kg=mass_kg))
         resets = self._estimator.resets
-        self._estimator = make_estimator(weighed)
+        self._take_estimator(weighed)
         self._estimator.resets.update(resets)
         self._calibration.set_load(mass_kg)
         self._commander.configure(weighed)
@@ -594,6 +620,7 @@ class Pipeline:
                 lift_n=thrust_n * float(self._rotation[2, 2]),
                 disturbance=disturbance,
                 path=path,
+                load=None if self._load is None else self._load.load,
             )
         )
         actions: list[Action] = [setpoint] if setpoint is not None else []

@@ -10,7 +10,7 @@ from typing import Any
 
 from swingd.config.plain import restore
 from swingd.model.errors import ConfigurationError
-from swingd.model.parameters import Endpoint, Parameters
+from swingd.model.parameters import CONTENT_OF, Endpoint, Parameters
 
 READ_TIMEOUT_S = 15.0
 
@@ -77,7 +77,7 @@ class Change:
         )
         # What is simulated is nothing to the daemon.
         waiting = (key for key in _differing(parameters, new) if not key.startswith("simulation."))
-        return cls(parameters, tuple(_differing(now, parameters)), tuple(waiting))
+        return cls(parameters, tuple(dict.fromkeys(_differing(now, parameters))), tuple(waiting))
 
 
 def _endpoints(now: tuple[Endpoint, ...], new: tuple[Endpoint, ...]) -> tuple[Endpoint, ...]:
@@ -91,7 +91,8 @@ def _differing(one: Any, other: Any, path: str = "") -> Iterator[str]:
     """Give the dotted keys of what differs; a list that has another length is one key."""
     if is_dataclass(one):
         for field in fields(one):
-            key = f"{path}.{field.name}" if path else field.name
+            name = field.metadata.get(CONTENT_OF, field.name)
+            key = f"{path}.{name}" if path else name
             yield from _differing(getattr(one, field.name), getattr(other, field.name), key)
     elif isinstance(one, tuple) and len(one) == len(other) and any(map(is_dataclass, one)):
         for place, (mine, theirs) in enumerate(zip(one, other, strict=True), 1):

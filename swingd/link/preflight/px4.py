@@ -33,6 +33,8 @@ _LEFT_OUT = 1.2
 """More samples than are asked for by this factor are left out."""
 _RESTART_S = 1.0
 """A restart of swingd in flight may leave the autopilot without setpoints for nearly this long [s]."""
+_LED_LOSS_S = 0.5
+"""Mode path: an acceleration must not outlive whoever gave it for longer."""
 _LONG_LOSS_S = 2.0
 
 NAMES = (
@@ -121,14 +123,24 @@ def _loss_time(facts: Facts) -> Iterable[Advice]:
     value = facts.known("COM_OF_LOSS_T")
     if value is None:
         return
-    if value < _RESTART_S:
+    leads = facts.parameters.mode is Mode.PATH
+    wanted_s = _LED_LOSS_S if leads else _RESTART_S
+    if value < wanted_s:
         yield Advice(
             AdviceSeverity.WARNING,
             "COM_OF_LOSS_T",
             text(value, "s"),
             "a restart of swingd or of the application, or a short outage of the link, ends OFFBOARD: the correction "
             "stops in the middle of a swing",
-            "COM_OF_LOSS_T = 1",
+            f"COM_OF_LOSS_T = {wanted_s:g}",
+        )
+    elif leads and value > wanted_s:
+        yield Advice(
+            AdviceSeverity.WARNING,
+            "COM_OF_LOSS_T",
+            text(value, "s"),
+            f"where swingd is killed, PX4 flies on with the last acceleration for {text(value)} s",
+            f"COM_OF_LOSS_T = {wanted_s:g}",
         )
     elif value > _LONG_LOSS_S:
         yield Advice(
