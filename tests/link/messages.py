@@ -99,3 +99,16 @@ class Autopilot:
 
     def __call__(self, *messages: Any) -> bytes:
         return b"".join(map(self.codec.encode, messages))
+
+
+def landing_target(
+    stamp_us: int,
+    position: tuple[float, float, float] = (0.1, -0.2, 1.5),
+    frame: int = mavlink.MAV_FRAME_BODY_FRD,
+    number: int = 0,
+    valid: int = 1,
+) -> Any:
+    """A load that a camera sees."""
+    return mavlink.MAVLink_landing_target_message(
+        stamp_us, number, frame, 0.0, 0.0, 1.5, 0.0, 0.0, *position, [1, 0, 0, 0], 2, valid
+    )

@@ -407,6 +407,12 @@ def test_copter_one_thing_wrong_is_one_advice(changes: dict[str, float], severit
     assert remedy in advice.remedy
 
 
+@pytest.mark.parametrize(("loss_s", "advised"), [(0.5, False), (0.2, True), (1.0, True), (5.0, True)])
+def test_a_load_that_is_led_wants_a_shorter_loss_time(loss_s: float, advised: bool) -> None:
+    advice = found(PX4, {"COM_OF_LOSS_T": loss_s}, replace(HOLD, mode=Mode.PATH))
+    assert [one.remedy for one in advice] == (["COM_OF_LOSS_T = 0.5"] if advised else [])
+
+
 def test_a_gain_of_the_new_name_stands_over_one_of_the_old() -> None:
     assert found(COPTER, {"PSC_NE_VEL_P": 1.8, "PSC_VELXY_P": 5.0}) == []
 
