@@ -34,6 +34,7 @@ WATCH_S = 1.0
 LATE_SHARE = 0.75
 """Of the rate that is asked for: below it an input is shown as slow, as swingd itself judges it."""
 _HEALTHY = ("init", "ready", "active")
+_CAMERA_LATE_S = 1.0
 _PLAIN_WIDTH = 120
 _LABEL_WIDTH = 12
 _STYLES = {"init": "cyan", "ready": "green", "active": "bold green", "degraded": "yellow", "fault": "bold red"}
@@ -179,9 +180,12 @@ def _summary(told: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
         yield "path", *_path(told["path"])
     if told["disturbance"] is not None:
         yield "disturbance", *_disturbance(told["disturbance"], streams=told["mode"] != "shadow")
+    if told.get("camera") is not None:
+        yield "camera", *_camera(told["camera"])
     if rate["joined"]:
         slow = rate["rate_hz"] < LATE_SHARE * rate["asked_hz"]
-        yield "filter", f"{rate['rate_hz']:.1f} of {rate['asked_hz']:g} Hz, {rate['steps']} steps", "yellow" * slow
+        text = f"{rate['name']}, {rate['rate_hz']:.1f} of {rate['asked_hz']:g} Hz, {rate['steps']} steps"
+        yield "filter", text, "yellow" * slow
     latency = told["latency_ms"]
     if latency["p50"] is not None:
         yield "latency", f"p50 {latency['p50']:.2f} ms, p99 {latency['p99']:.2f} ms, IMU to setpoint", ""
@@ -208,6 +212,15 @@ def _disturbance(disturbance: dict[str, Any], *, streams: bool) -> tuple[str, st
         return f"{force}; fed forward", "green"
     withheld = "; ".join(disturbance["withheld_by"] if streams else filter(None, [disturbance["doubt"]]))
     return force + (f"; not fed forward: {withheld}" if withheld else ""), ""
+
+
+def _camera(camera: dict[str, Any]) -> tuple[str, str]:
+    """Rate and age of the load's sightings, with the style."""
+    if camera["age_s"] is None:
+        return "no LANDING_TARGET of the load yet", "yellow"
+    unused = f"; {camera['unused']} not used" if camera["unused"] else ""
+    text = f"{camera['got_hz']:.1f} Hz, the last {1e3 * camera['age_s']:.0f} ms ago{unused}"
+    return text, "" if camera["age_s"] < _CAMERA_LATE_S else "yellow"
 
 
 def _autopilot(autopilot: dict[str, Any] | None) -> str:

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from swingd.engine.preflight import READ_IDS, Preflight
 from swingd.link.adapter import AutopilotAdapter
+from swingd.link.camera_reader import shows_load
 from swingd.link.codec import ADDRESSED_IDS, Encoder, Frame
 from swingd.link.command_server import CommandServer, RcSwitch
 from swingd.link.mission_reader import MISSION_IDS, MissionReader
@@ -240,7 +241,7 @@ class Engine:
         if port != AUTOPILOT and frame.msg_id in SETPOINT_IDS and self._is_met(t_mono_s, port, frame, out):
             self.router.learn(port, frame)
             return True
-        if frame.msg_id == mavlink.MAVLINK_MSG_ID_LANDING_TARGET and self._is_load(frame):
+        if shows_load(frame, self._parameters.camera):
             sighting = self.adapter.sighting(t_mono_s, frame)
             if sighting is not None:
                 self._step(sighting, out)
@@ -528,11 +529,6 @@ class Engine:
             0,
             mavlink.MAV_COMP_ID_AUTOPILOT1,
         )
-
-    def _is_load(self, frame: Frame) -> bool:
-        """Whether a LANDING_TARGET is of the load."""
-        camera = self._parameters.camera
-        return camera.source == "landing_target" and frame.message.target_num == camera.target_num
 
     def _is_for_swingd(self, frame: Frame) -> bool:
         """Whether a frame concerns nobody else; the clock's answers do not tell for whom they are."""

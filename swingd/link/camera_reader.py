@@ -11,6 +11,7 @@ from swingd.link.setpoints import POS_MAX_M
 from swingd.link.stamps import Drop
 from swingd.link.telemetry import Telemetry
 from swingd.model.events import LoadSighting, SightingFrame
+from swingd.model.parameters import Camera
 
 _FRAMES = {
     mavlink.MAV_FRAME_BODY_FRD: SightingFrame.BODY_FRD,
@@ -20,6 +21,15 @@ _STAMP_MAX_US = 10**16
 _SENDER_SILENT_S = 2.0
 """Another camera is listened to when the first has been silent for so long."""
 _STAMPS_KEPT = 32
+
+
+def shows_load(frame: Frame, camera: Camera) -> bool:
+    """Whether a frame is the LANDING_TARGET by which the load is told."""
+    return (
+        camera.source == "landing_target"
+        and frame.msg_id == mavlink.MAVLINK_MSG_ID_LANDING_TARGET
+        and frame.message.target_num == camera.target_num
+    )
 
 
 class CameraReader:

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -19,6 +20,7 @@ POSITION_EVERY_S = 0.03
 """Positions that come more often are left out: the autopilot's errors last for seconds, more would say little more."""
 POSITION_SPAN_MAX_S = 0.2
 REMEMBERED_S = 1.0
+RATE_WINDOW_S = 2.0
 APART_MAX_S = 0.15
 """Between two attitudes or positions that one is interpolated from, and from the newest on."""
 REMEMBERED = 512
@@ -31,6 +33,18 @@ class _Stamped(Protocol):
 
 
 _T = TypeVar("_T", bound=_Stamped)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraState:
+    """What is known of the camera that sees the load."""
+
+    got_hz: float
+    """Sightings a second, the unused ones included."""
+    age_s: float | None
+    """Since the last one; None before the first."""
+    unused: int
+    """Sightings that were not used: of a time without an attitude, too late, or gated."""
 
 
 class LoadSources:
@@ -51,8 +65,8 @@ class LoadSources:
         self._hook_frd = np.array(parameters.vehicle.hook_frd_m)
         self._hook_ned: Vec3 = (0.0, 0.0, 0.0)
         self._hook_vel_ned: Vec3 = (0.0, 0.0, 0.0)
-        self.unused = 0
-        """Sightings that were not used: their attitude unknown, too late, or gated."""
+        self._sighted_s: deque[float] = deque(maxlen=REMEMBERED)
+        self._unused = 0
         self.reset()
 
     def reset(self) -> None:
@@ -101,16 +115,25 @@ class LoadSources:
 
     def add_sighting(self, sighting: LoadSighting) -> None:
         """Correct by a camera's sighting, at the time of its picture."""
+        self._sighted_s.append(sighting.t_mono_s)
         t_s = sighting.t_boot_s - self._camera.delay_s
         load = self._from_hook(sighting, t_s)
         if load is None:
-            self.unused += 1
+            self._unused += 1
             return
         std = self._camera.noise_m + self._camera.noise_share * float(np.linalg.norm(load))
         north, east, down = (-load).tolist()
         measurement = LoadMeasurement(Source.REL_POS, (north, east, down), (std, std, std), t_s)
         if self._estimator.correct(measurement) is not Status.OK:
-            self.unused += 1
+            self._unused += 1
+
+    def camera(self, t_mono_s: float) -> CameraState | None:
+        """Return what is known of the camera at a time of the host's clock [s]; None where there is to be none."""
+        if self._camera.source == "none":
+            return None
+        lately = sum(t_mono_s - sighted_s < RATE_WINDOW_S for sighted_s in self._sighted_s)
+        age_s = t_mono_s - self._sighted_s[-1] if self._sighted_s else None
+        return CameraState(lately / RATE_WINDOW_S, age_s, self._unused)
 
     def _from_hook(self, sighting: LoadSighting, t_s: float) -> FloatArray | None:
         """Where the load was from the hook, ned [m]; None where the vehicle's attitude or place then is not known."""

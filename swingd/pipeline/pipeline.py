@@ -55,7 +55,7 @@ from swingd.pipeline.correction import turn
 from swingd.pipeline.disturbance import DisturbanceObserver
 from swingd.pipeline.envelope import Part, withheld_by
 from swingd.pipeline.health import Evidence, HealthWatch, StreamState, StreamWatch
-from swingd.pipeline.load_sources import LoadSources
+from swingd.pipeline.load_sources import CameraState, LoadSources
 from swingd.pipeline.path import PathInputs, PathProgress
 from swingd.pipeline.payload_mass import MassEstimate
 from swingd.pipeline.payload_state import PayloadSample, PayloadState, PayloadWatch
@@ -176,7 +176,8 @@ class Pipeline:
         ``no_attitude`` (filter steps without a fresh one), ``gated`` (measurements beyond `nis_gate`), ``sighting`` (of
         the load: gated, too late, or of a time without an attitude), ``reference``.
         """
-        sightings = {} if self._load is None else {"sighting": self._load.unused}
+        camera = self.camera(self._t_mono_s)
+        sightings = {} if camera is None else {"sighting": camera.unused}
         return {**self._refusals, **sightings, "reference": self._commander.refused_references}
 
     @property
@@ -257,6 +258,10 @@ class Pipeline:
     def inputs(self, t_mono_s: float) -> tuple[StreamState, ...]:
         """Return age and rate of every stream that is asked for, at a time of the host's monotonic clock [s]."""
         return tuple(self._streams.state(stream, t_mono_s) for stream in self._streams.rates_hz)
+
+    def camera(self, t_mono_s: float) -> CameraState | None:
+        """Return what is known of the camera at a time of the host's monotonic clock [s]; None where there is none."""
+        return None if self._load is None else self._load.camera(t_mono_s)
 
     def step(self, event: Event) -> list[Action]:
         """Take one event; return the actions that it causes, in the order in which they are to be sent."""

@@ -7,13 +7,14 @@ from pathlib import Path
 
 from swingd.engine import TICK_S, Delivery, Engine
 from swingd.link.adapter import AutopilotAdapter, Drop
+from swingd.link.camera_reader import shows_load
 from swingd.link.codec import Framer
 from swingd.link.router import AUTOPILOT
 from swingd.model.actions import Action, StatusText, SwingReport
 from swingd.model.errors import LogFormatError
 from swingd.model.estimate import ResetReason
 from swingd.model.events import Attitude, Battery, Event, Imu, LocalPosition, Motors, Throttle, Tick
-from swingd.model.parameters import Parameters
+from swingd.model.parameters import Camera, Parameters
 from swingd.pipeline import Pipeline
 from swingd.pipeline.payload_mass import MassEstimate
 from swingd.pipeline.payload_state import PayloadState
@@ -143,7 +144,7 @@ def replay(
         adapter = AutopilotAdapter(chosen.link, chosen.thrust)
         reader = TlogReader(path)
         total = max(sum(1 for _ in reader), 1)
-        pipeline = _run_events(result, chosen, _tlog_events(reader, adapter), total, report)
+        pipeline = _run_events(result, chosen, _tlog_events(reader, adapter, chosen.camera), total, report)
         result.drops = dict(adapter.drops)
         result.unread_bytes = reader.garbage_bytes + reader.truncated_bytes
     else:
@@ -156,16 +157,22 @@ def replay(
     return result
 
 
-def _tlog_events(reader: TlogReader, adapter: AutopilotAdapter) -> Iterator[Event]:
+def _tlog_events(reader: TlogReader, adapter: AutopilotAdapter, camera: Camera) -> Iterator[Event]:
     """Events of a .tlog; the time of reception counts from the first frame, where doubles are fine."""
     begin_s: float | None = None
     latest_s = 0.0
-    for t_s, frame in reader:
+    framer = Framer()
+    for t_s, raw in reader:
         if begin_s is None:
             begin_s = t_s
         # The companion's wall clock may have been set during the flight; a monotonic clock does not go back.
         latest_s = max(latest_s, t_s - begin_s)
-        yield from adapter.receive(latest_s, frame)
+        frames = framer.receive(raw)
+        for frame in frames:
+            sighting = adapter.sighting(latest_s, frame) if shows_load(frame, camera) else None
+            if sighting is not None:
+                yield sighting
+        yield from adapter.take(latest_s, frames)
 
 
 def _run_events(

@@ -120,7 +120,9 @@ def condition(
         "correction": _correction(engine),
         "disturbance": _disturbance(engine),
         "path": _path(engine),
+        "camera": _camera(t_mono_s, engine),
         "filter": {
+            "name": engine.parameters.estimator.name,
             "joined": engine.has_joined,
             "steps": recent.filter_steps,
             "rate_hz": recent.filter_hz,
@@ -199,6 +201,12 @@ def _path(engine: Engine) -> dict[str, Any] | None:
         "state": progress.state.value,
         "withheld_by": list(engine.pipeline.path_withheld_by),
     }
+
+
+def _camera(t_mono_s: float, engine: Engine) -> dict[str, Any] | None:
+    """What is known of the camera that sees the load; None where there is to be none."""
+    camera = engine.pipeline.camera(t_mono_s) if engine.has_joined else None
+    return None if camera is None else asdict(camera)
 
 
 def _inputs(t_mono_s: float, engine: Engine) -> list[dict[str, Any]]:

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from swingd.cli.main import app
 from swingd.engine import Engine
 from swingd.model.actions import Health
-from swingd.model.parameters import Mode, Parameters, Waypoint
+from swingd.model.parameters import Camera, Estimator, Mode, Parameters, Waypoint
 from swingd.service.condition import Standing, condition
 from swingd.service.links import Link, settings_of
 from swingd.service.meter import Meter
@@ -107,6 +107,17 @@ def test_the_page_tells_how_far_a_path_has_come_and_why_the_load_is_not_led(fold
     assert answer["path"]["remaining_m"] is None
     with answering(Health.INIT):
         assert json.loads(run("--json").stdout)["path"] is None
+
+
+def test_the_page_tells_which_filter_runs_and_whether_a_camera_sees_the_load(folder: Path) -> None:
+    seen = Parameters(estimator=Estimator(name="gp-ekf"), camera=Camera(source="landing_target"))
+    with answering(Health.INIT, parameters=seen):
+        page, answer = run().stdout, json.loads(run("--json").stdout)
+    assert "camera        no LANDING_TARGET of the load yet" in page
+    assert "filter        gp-ekf, " in page
+    assert answer["camera"] == {"got_hz": 0.0, "age_s": None, "unused": 0}
+    with answering(Health.INIT):
+        assert json.loads(run("--json").stdout)["camera"] is None
 
 
 def test_nobody_there_is_said_clearly(folder: Path) -> None:

@@ -10,7 +10,7 @@ from swingd.core.status import Status
 from swingd.estimation.base import LoadMeasurement
 from swingd.model.events import Attitude, LoadSighting, LocalPosition, SightingFrame, Vec3
 from swingd.model.parameters import Camera, Parameters
-from swingd.pipeline.load_sources import REMEMBERED, LoadSources
+from swingd.pipeline.load_sources import REMEMBERED, CameraState, LoadSources
 
 DELAY_S = 0.08
 BODY, NED = SightingFrame.BODY_FRD, SightingFrame.LOCAL_NED
@@ -121,7 +121,9 @@ def test_a_picture_of_a_time_that_nothing_is_known_of_is_counted() -> None:
     assert bench.see((0.0, 0.0, 1.5), age_s=1.5) is None
     bench.t_s += 1.0
     assert bench.see((0.0, 0.0, 1.5)) is None
-    assert bench.sources.unused == 3
+    camera = bench.sources.camera(bench.t_s)
+    assert camera is not None
+    assert camera.unused == 3
     bench.sources.reset()
     assert bench.see((0.0, 0.0, 1.5), NED) is None
 
@@ -131,7 +133,9 @@ def test_a_picture_that_the_filter_does_not_take_is_counted(answer: Status) -> N
     bench = Bench().run()
     bench.listener.answer = answer
     bench.see((0.0, 0.0, 1.5))
-    assert bench.sources.unused == 1
+    camera = bench.sources.camera(bench.t_s)
+    assert camera is not None
+    assert camera.unused == 1
 
 
 def test_positions_are_of_the_hook_and_no_more_often_than_they_say_something() -> None:
@@ -162,3 +166,17 @@ def test_streams_without_end_do_not_fill_the_memory() -> None:
     for number in range(3 * REMEMBERED):
         bench.sources.add_attitude(Attitude(0.0, 10.0 + 1e-5 * number, 0.0, 0.0, 0.0))
     assert len(bench.sources._attitudes) <= REMEMBERED
+
+
+def test_the_camera_has_a_rate_and_an_age() -> None:
+    bench = Bench().run(1.0)
+    assert bench.sources.camera(bench.t_s) == CameraState(0.0, None, 0)
+    for _ in range(30):
+        bench.run(0.06)
+        bench.see((0.0, 0.0, 1.5))
+    camera = bench.sources.camera(bench.t_s + 0.1)
+    assert camera is not None
+    assert camera.got_hz == pytest.approx(15.0, abs=1.0)
+    assert camera.age_s == pytest.approx(0.1)
+    parameters = Parameters()
+    assert LoadSources(parameters, Listener()).camera(bench.t_s) is None  # type: ignore[arg-type]
