@@ -547,6 +547,15 @@ class Simulation:
     )
     battery_drain_s: float = quantity(150.0, "s", 1.0, 1e5, "from full to empty, armed")
     takeoff_altitude_m: float = quantity(8.0, "m", 0.5, 500.0, "MIS_TAKEOFF_ALT")
+    camera_hz: float = quantity(0.0, "Hz", 0.0, 120.0, "pictures of a camera that sees the load; 0: there is none")
+    camera_delay_s: float = quantity(0.08, "s", 0.0, 1.0, "from a picture to its message")
+    camera_noise_m: float = quantity(0.03, "m", 0.0, 10.0, "deviation of each axis, besides the share of the distance")
+    camera_noise_share: float = quantity(0.02, "1", 0.0, 1.0, "deviation of each axis over the load's distance")
+    camera_half_angle_rad: float = quantity(
+        0.5236, "rad", 0.01, 1.57, "half of the field of view, about the body's down axis"
+    )
+    camera_dropout_share: float = quantity(0.1, "1", 0.0, 0.9, "share of the time in which nothing is seen, at random")
+    camera_dropout_s: float = quantity(0.5, "s", 0.01, 60.0, "length of a time in which nothing is seen")
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from swingd.link import swing_message
 from swingd.link.codec import Frame, Framer
 from swingd.model.parameters import Parameters, SimulatedKind
 from swingd.sim.autopilot import Autopilot
+from swingd.sim.camera import Camera
 from swingd.sim.copter import Copter
 from swingd.sim.face import CompanionLog, Face, text_of
 from swingd.sim.fault_effects import Direction
@@ -98,6 +99,8 @@ class SimulatedAutopilot:
         signing = (signing_key, signing_start_unix_s)
         self._wire = Wire(SYSTEM_ID, COMPONENT_ID, *signing, self._face.pass_unsigned)
         self._ground_station = Wire(GROUND_STATION_SYSTEM_ID, GROUND_STATION_COMPONENT_ID, *signing)
+        self._camera = Camera(simulation) if simulation.camera_hz > 0.0 else None
+        self._camera_wire = Wire(SYSTEM_ID, mavlink.MAV_COMP_ID_CAMERA, *signing)
         self._inbox: deque[tuple[int, Frame]] = deque()
         self._outbox: list[bytes] = []
         self._sent: list[bytes] = []
@@ -241,6 +244,8 @@ class SimulatedAutopilot:
         onboard.data_us = onboard.now_us
         if not early:
             self._send_due()
+        if self._camera is not None:
+            self._see(self._camera)
         leaving, self._outbox = self._outbox, []
         self._sent += faults.carry(Direction.TO_COMPANION, self.t_s, leaving) if faults.on_link else leaving
 
@@ -257,6 +262,13 @@ class SimulatedAutopilot:
         for message in face.streams.due(now_us, onboard.data_us):
             self._send(message)
         face.send_queued()
+
+    def _see(self, camera: Camera) -> None:
+        """Let the camera look; the autopilot, unless it boots, passes on what it says."""
+        onboard = self._onboard
+        seen = camera.step(onboard.steps, self.plant.state, attached=self.plant.attached)
+        if seen is not None and onboard.steps >= self._silent_until_step:
+            self._outbox.append(self._camera_wire.encode(seen, self.t_s))
 
     def _is_early(self) -> bool:
         if not self._early:
