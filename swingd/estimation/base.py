@@ -94,7 +94,7 @@ class SwingEstimator(Protocol):
 
 @runtime_checkable
 class LoadEstimator(SwingEstimator, Protocol):
-    """Estimates besides where the load is, from sources that come when they come, each with its own time."""
+    """Takes besides what comes when it comes: positions, velocities and sightings, each with its own time."""
 
     def stand(self, t_boot_s: float, to_ned_rad: float) -> None:
         """Tell how the interval that the next `step` advances over ends.
@@ -119,6 +119,3 @@ class LoadEstimator(SwingEstimator, Protocol):
 
     def turn(self, yaw_jump_rad: float) -> None:
         """The autopilot's yaw was reset by this much: thrust was turned to ned by a wrong one."""
-
-    def load(self) -> FloatArray | None:
-        """Return position and velocity of load and cable (10,), `swingd.core.slts.SltsState`; None where unknown."""

@@ -11,7 +11,7 @@ from swingd.core.slts_swing import swing
 from swingd.core.status import Status
 from swingd.estimation.acceleration_model import NOTHING_LEARNED, AccelerationModel, Prepared
 from swingd.estimation.base import ANGLE_STD_MAX_RAD, inputs_valid
-from swingd.estimation.gp_ekf import GpEkf, GpEkfSettings, LoadMeasurement, Source
+from swingd.estimation.gp_ekf import GpEkf, GpEkfSettings, LoadEstimate, LoadMeasurement, Source
 from swingd.model.estimate import FloatArray, ResetReason, SwingEstimate
 from swingd.model.events import Vec3
 from swingd.model.parameters import Parameters
@@ -82,6 +82,11 @@ class GpSwing:
         self._newest: dict[Source, LoadMeasurement] = {}
         self._failure: Status | None = None
 
+    @property
+    def load(self) -> LoadEstimate | None:
+        """What the filter knows of load and cable, ned; None before it has begun."""
+        return self._filter.estimate() if self._running else None
+
     def stand(self, t_boot_s: float, to_ned_rad: float) -> None:
         """Tell when the next interval ends, and by how much vectors of the level frame are turned to be of ned."""
         self._t_s, self._to_ned_rad = t_boot_s, to_ned_rad
@@ -118,10 +123,6 @@ class GpSwing:
         """The autopilot's yaw was reset."""
         if self._running and yaw_jump_rad != 0.0:
             self._filter.turn(yaw_jump_rad)
-
-    def load(self) -> FloatArray | None:
-        """Return position and velocity of load and cable (10,), see `SltsState`; None before the start."""
-        return self._filter.estimate().x if self._running else None
 
     def estimate(self) -> SwingEstimate:
         """Return the state after the last step; before the start nothing is known, and its covariance says so."""

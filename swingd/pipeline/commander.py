@@ -70,8 +70,6 @@ class Situation:
     """None where none is estimated."""
     path: PathInputs | None = None
     """None where no load is to be led."""
-    load: FloatArray | None = None
-    """State of load and cable (10,), see `swingd.core.slts.SltsState`, where the estimator tells it itself."""
 
 
 class Commander:
@@ -471,15 +469,13 @@ class Commander:
         return Reference(SetpointUse.ACC | SetpointUse.YAW, acc_ned_mps2=acc, yaw_rad=hold.yaw_rad)
 
     def _load_motion(self, now: Situation, inputs: PathInputs) -> FloatArray | None:
-        """The load's state, the estimator's own or by `load_motion`; None where the vehicle's position is late."""
+        """The load's state, see `load_motion`; None where the vehicle's position is late."""
         position = self._position
         if position is None:
             return None
         age_s = now.t_boot_s - position.t_boot_s
         if abs(age_s) > POSITION_LATE_S:
             return None
-        if now.load is not None:
-            return now.load
         to_ned_rad = now.yaw_rad - now.level_yaw_rad
         direction, rate = turn(now.direction, to_ned_rad), turn(now.direction_rate_per_s, to_ned_rad)
         return load_motion(position, age_s, direction, rate, inputs, self._parameters.cable.length_m)

@@ -89,11 +89,6 @@ class LoadSources:
         self._estimator.stand(t_boot_s, to_ned_rad)
         self._hook_ned, self._hook_vel_ned = hook_ned_m, hook_vel_ned_mps
 
-    @property
-    def load(self) -> FloatArray | None:
-        """Position and velocity of load and cable (10,), see `LoadEstimator.load`."""
-        return self._estimator.load()
-
     def add_attitude(self, attitude: Attitude) -> None:
         """Take an attitude, for the pictures of about its time."""
         _remember(self._attitudes, attitude)

@@ -625,7 +625,6 @@ class Pipeline:
                 lift_n=thrust_n * float(self._rotation[2, 2]),
                 disturbance=disturbance,
                 path=path,
-                load=None if self._load is None else self._load.load,
             )
         )
         actions: list[Action] = [setpoint] if setpoint is not None else []

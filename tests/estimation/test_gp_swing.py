@@ -74,7 +74,7 @@ def test_it_is_chosen_by_name_and_takes_sources():
 def test_before_the_first_position_it_runs_and_says_that_it_knows_nothing():
     estimator = gp()
     World(estimator).run(1.0, sources=False)
-    assert estimator.load() is None
+    assert estimator.load is None
     assert estimator.estimate().P[0, 0] > 0.5
     assert sum(estimator.resets.values()) == 0
 
@@ -83,7 +83,7 @@ def test_before_the_first_position_it_runs_and_says_that_it_knows_nothing():
 def test_accelerating_north_the_load_trails_behind(to_ned_rad):
     """Level frame turned or not: the load is south of the vehicle, and the swing is that of the level frame."""
     world = World(gp(), to_ned_rad).run(1.0).run(0.6, acc_ned=(3.0, 0.0))
-    load = world.estimator.load()
+    load = world.estimator.load.x
     assert load[SltsState.REL_POS] == pytest.approx(world.rel[0], abs=0.03)
     assert load[SltsState.REL_POS] > 0.1
     assert load[SltsState.LOAD_POS] < world.vehicle[0]
@@ -142,11 +142,11 @@ def test_a_reset_of_the_yaw_turns_the_cable_about_the_vehicle():
     """North was wrong by 0.4 rad; in the level frame, which the gyro holds, the load is where it was."""
     world = World(gp()).run(1.0).run(0.5, acc_ned=(3.0, 1.0))
     estimator = world.estimator
-    before, load = estimator.estimate(), estimator.load()
+    before, load = estimator.estimate(), estimator.load.x
     vehicle = load[:2] + load[3:5]
     estimator.turn(0.4)
     estimator.stand(world.t_s, 0.4)
-    after, turned = estimator.estimate(), estimator.load()
+    after, turned = estimator.estimate(), estimator.load.x
     np.testing.assert_allclose(after.x[:4], before.x[:4], atol=1e-9)
     np.testing.assert_allclose(after.P[:4, :4], before.P[:4, :4], atol=1e-9)
     np.testing.assert_allclose(turned[:2] + turned[3:5], vehicle, atol=1e-9)
@@ -156,15 +156,15 @@ def test_a_reset_of_the_yaw_turns_the_cable_about_the_vehicle():
 def test_it_begins_anew_where_it_is_told_to_and_counts_that():
     world = World(gp()).run(1.0).run(0.4, acc_ned=(3.0, 0.0))
     world.estimator.reset(ResetReason.LIFT)
-    assert world.estimator.load() is None
+    assert world.estimator.load is None
     assert world.estimator.resets[ResetReason.LIFT] == 1
     world.run(0.05)
-    assert abs(world.estimator.load()[SltsState.REL_POS]) < 0.05
+    assert abs(world.estimator.load.x[SltsState.REL_POS]) < 0.05
     # A position of long ago is none to begin at.
     world.estimator.reset(ResetReason.GAP)
     world.t_s += 5.0
     world.run(0.05, sources=False)
-    assert world.estimator.load() is None
+    assert world.estimator.load is None
 
 
 def test_a_clock_that_goes_back_does_not_stop_it():
@@ -172,7 +172,7 @@ def test_a_clock_that_goes_back_does_not_stop_it():
     world.estimator.reset(ResetReason.CLOCK)
     world.t_s = 2.0
     world.run(0.5)
-    assert world.estimator.load() is not None
+    assert world.estimator.load is not None
 
 
 def test_where_it_began_anew_between_two_steps_the_next_one_says_so():
