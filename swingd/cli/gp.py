@@ -7,19 +7,28 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swingd.cli import options, process
+from swingd.model.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from swingd.identify.gp_training import Training
 
 EXAMPLES = """\b
 Examples:
+  swingd gp log flight1.swingd --truth truth1.csv -o flight1.csv
   swingd gp train flight1.csv flight2.csv -c configs/iris.yaml -o model.json --picture model.png
 """
 TRAIN_EXAMPLES = """\b
 Examples:
+  swingd gp log flight1.swingd --truth truth1.csv -o flight1.csv
   swingd gp train flight1.csv flight2.csv -c configs/iris.yaml -o model.json --picture model.png
   swingd gp train *.csv --set vehicle.mass_kg=1.52 --set payload.mass_kg=0.5 --set cable.length_m=1.6 -o model.json
   swingd gp train *.csv -c configs/iris.yaml -o model.json --json | jq .rmse_after
+"""
+
+LOG_EXAMPLES = """\b
+Examples:
+  swingd gp log flight1.swingd --truth truth1.csv -o flight1.csv
+  swingd gp log flight1.tlog -c configs/iris.yaml --truth truth1.csv.gz -o flight1.csv --json
 """
 
 gp = typer.Typer(no_args_is_help=True)
@@ -28,6 +37,47 @@ gp = typer.Typer(no_args_is_help=True)
 @gp.callback(epilog=EXAMPLES)
 def _gp() -> None:
     """Train what the GP-EKF knows of the cable beyond the rigid pendulum."""
+
+
+@gp.command("log", epilog=LOG_EXAMPLES)
+def log_(
+    flight: Annotated[
+        Path, typer.Argument(metavar="LOG", help="A recording, .tlog, .ulg or CSV, as swingd replay takes.")
+    ],
+    truth: Annotated[
+        Path, typer.Option("--truth", metavar="FILE", help="Where vehicle and load were (CSV, also .gz; docs/gp.md).")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="LOG.csv", help="What swingd gp train takes.")],
+    config: options.Config = None,
+    overrides: options.Overrides = None,
+    as_json: options.Json = False,
+) -> None:
+    """Join a flight with what watched the load from outside, for swingd gp train.
+
+    The flight is replayed: the force in the log is what the filter is told in flight. Without a configuration a
+    recording's own parameters hold.
+    """
+    process.check_output(output, "--output", (flight, truth, config))
+    process.announce_compilation()
+    from swingd.cli.progress import bar
+    from swingd.config.loader import load_parameters, parameters_from_json
+    from swingd.identify.watched_flight import read_watched, swing_rows
+    from swingd.replay import replay
+
+    parameters = load_parameters(config, overrides or ()) if config is not None or overrides else None
+    watched = read_watched(truth)
+    with bar(f"replaying {flight.name}", quiet=as_json) as advance:
+        run = replay(flight, parameters, parameters_from_json, advance)
+    rows = swing_rows(watched, run.reports, run.attitudes, run.parameters.vehicle.hook_frd_m)
+    try:
+        rows.write(output)
+    except OSError as error:
+        raise ConfigurationError(f"--output: {output} cannot be written: {error.strerror}") from error
+    count, from_s, to_s = len(rows.t_s), float(rows.t_s[0]), float(rows.t_s[-1])
+    if as_json:
+        typer.echo(json.dumps({"log": str(output), "rows": count, "from_s": from_s, "to_s": to_s}))
+    else:
+        typer.echo(f"{count} rows from {from_s:.2f} to {to_s:.2f} s of the autopilot's clock: {output}")
 
 
 @gp.command(epilog=TRAIN_EXAMPLES)
@@ -65,7 +115,7 @@ def train(
     trained_for = TrainedFor(
         parameters.vehicle.mass_kg,
         parameters.payload.mass_kg,
-        parameters.cable.length_m + parameters.vehicle.hook_frd_m[2],
+        parameters.cable.length_m,
     )
     segments = [segment for log in logs for segment in swing_log.read(log)]
     with bar("training", quiet=as_json) as watch:

@@ -40,11 +40,11 @@ def read_gp_model(parameters: Parameters, folder: Path) -> str:
 
     model = AccelerationModel.from_json(text, parameters.gp_ekf.model)
     model.prepare()
-    vehicle, trained = parameters.vehicle, model.trained_for
+    trained = model.trained_for
     for key, configured, was in (
-        ("vehicle.mass_kg", vehicle.mass_kg, trained.mass_kg),
+        ("vehicle.mass_kg", parameters.vehicle.mass_kg, trained.mass_kg),
         ("payload.mass_kg", parameters.payload.mass_kg, trained.payload_mass_kg),
-        ("cable.length_m with the hook", parameters.cable.length_m + vehicle.hook_frd_m[2], trained.cable_length_m),
+        ("cable.length_m", parameters.cable.length_m, trained.cable_length_m),
     ):
         if not math.isclose(configured, was, rel_tol=TRAINED_SHARE_MAX):
             raise ConfigurationError(

@@ -78,6 +78,8 @@ class SwingReport:
     """None where no source is configured."""
     feed_forward_acc_ned_mps2: Vec3 = (0.0, 0.0, 0.0)
     """Acceleration set against the disturbance, beside the correction of the swing."""
+    applied_ned_n: Vec3 = (0.0, 0.0, 0.0)
+    """Force on the vehicle that the filter was told of: thrust, known drag, what the hook's motion takes [N]."""
 
 
 @dataclass(frozen=True, slots=True)

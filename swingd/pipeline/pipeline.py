@@ -651,6 +651,7 @@ class Pipeline:
                 payload_mass_std_kg=self._mass.std_kg,
                 disturbance=disturbance,
                 feed_forward_acc_ned_mps2=(*self._commander.feed_forward_mps2, 0.0),
+                applied_ned_n=_ned(self._force, tilt),
             )
         )
         return actions

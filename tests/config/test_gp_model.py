@@ -86,7 +86,7 @@ def test_it_cannot_be_written_into_a_configuration(file: Path) -> None:
         ),
         (
             model(trained_for=TrainedFor(2.0, 0.3, 2.0)),
-            "trained for cable.length_m with the hook 2, configured is 1.5;",
+            "trained for cable.length_m 2, configured is 1.5;",
         ),
     ],
 )
