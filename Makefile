@@ -27,6 +27,7 @@ test: export PYTHONDONTWRITEBYTECODE :=
 # Files go out in the alphabet's order: by xdist's own, the long ones come last and one worker waits.
 SHARED := --dist loadfile --no-loadscope-reorder
 test: $(STAMP)  ## the whole test suite: in virtual time on all cores, in real time three at a time, what must not be late alone
+	$(BIN)/python tests/compile_kernels.py
 	$(BIN)/python -m pytest -n auto $(SHARED) -m "not live"
 	$(BIN)/python -m pytest -n 3 $(SHARED) -m "live and not alone"
 	$(BIN)/python -m pytest -m alone
