@@ -30,10 +30,11 @@ SHARED := --dist loadfile --no-loadscope-reorder
 LIVE := --dist worksteal
 # Only the files that have a mark: each worker needs seconds to read all of them.
 marked = $$(grep -rlF --include='test_*.py' mark.$(1) tests)
-test: $(STAMP)  ## the whole test suite: in virtual time on all cores, in real time three at a time, what must not be late alone
+test: $(STAMP)  ## the whole test suite: in virtual time on all cores, in real time three at a time, long flights two at a time, what must not be late alone
 	$(BIN)/python tests/compile_kernels.py
 	$(BIN)/python -m pytest -n auto $(SHARED) -m "not live"
-	$(BIN)/python -m pytest -n 3 $(LIVE) -m "live and not alone" $(call marked,live)
+	$(BIN)/python -m pytest -n 3 $(LIVE) -m "live and not long and not alone" $(call marked,live)
+	$(BIN)/python -m pytest -n 2 $(SHARED) -m long $(call marked,long)
 	$(BIN)/python -m pytest -m alone $(call marked,alone)
 
 check: $(STAMP)  ## style, types and the contract of the rooms
