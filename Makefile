@@ -24,12 +24,18 @@ demo: $(STAMP)  ## fly a simulated PX4 with a slung load, correction off, then o
 
 # Bytecode is kept even where the environment says otherwise: else every process of the tests compiles all modules anew.
 test: export PYTHONDONTWRITEBYTECODE :=
-# Files go out in the alphabet's order: by xdist's own, the long ones come last and one worker waits.
+# Files go out in the alphabet's order: by xdist's own, the long ones come last and one worker waits. What runs in real
+# time shares hardly a fixture, but one file of it would keep a worker busy for a minute: test by test.
 SHARED := --dist loadfile --no-loadscope-reorder
-test: $(STAMP)  ## the whole test suite: in virtual time on all cores, in real time three at a time, what must not be late alone
+LIVE := --dist worksteal
+# Only the files that have a mark: each worker needs seconds to read all of them.
+marked = $$(grep -rlF --include='test_*.py' mark.$(1) tests)
+test: $(STAMP)  ## the whole test suite: in virtual time on all cores, in real time three at a time, long flights two at a time, what must not be late alone
+	$(BIN)/python tests/compile_kernels.py
 	$(BIN)/python -m pytest -n auto $(SHARED) -m "not live"
-	$(BIN)/python -m pytest -n 3 $(SHARED) -m "live and not alone"
-	$(BIN)/python -m pytest -m alone
+	$(BIN)/python -m pytest -n 3 $(LIVE) -m "live and not long and not alone" $(call marked,live)
+	$(BIN)/python -m pytest -n 2 $(SHARED) -m long $(call marked,long)
+	$(BIN)/python -m pytest -m alone $(call marked,alone)
 
 check: $(STAMP)  ## style, types and the contract of the rooms
 	$(BIN)/ruff check .

@@ -32,7 +32,7 @@ def fly(picture: Path) -> dict[str, Any]:
 
 
 @pytest.mark.live
-@pytest.mark.alone
+@pytest.mark.long
 def test_demo_damps_the_swing_and_tells_it_as_json(tmp_path: Path) -> None:
     picture = tmp_path / "demo.png"
     told = fly(picture)

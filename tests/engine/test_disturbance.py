@@ -15,6 +15,7 @@ from .flight import Flight, inline, local_setpoint
 WIND_NED_MPS = (4.0, 3.0, 0.0)
 DRAG_N_PER_MPS = 0.35
 LOAD_KG = 0.6
+LENGTHS_M = (1.5, 3.0)
 OBSERVE = Disturbance(source="es_lkf")
 EXACT = {"gnss_vel_noise_mps": 0.0, "gnss_pos_noise_m": 0.0, "attitude_noise_rad": 0.0, "acc_bias_mps2": 0.0}
 """An autopilot that knows its own motion: what it gets wrong moves the vehicle too, and no force is to blame."""
@@ -44,12 +45,25 @@ def believed(flown: Parameters, disturbance: Disturbance = OBSERVE) -> Parameter
     )
 
 
-def holding(flown: Parameters, believes: Parameters) -> Flight:
-    """An application's position has been held in calm air for long."""
-    flight = Flight(flown, believes).take_off()
+def holding(flight: Flight) -> Flight:
+    """In the air, an application's position has been held in calm air for long."""
     north, east, down = (float(value) for value in flight.peer.truth().pos_ned_m)
     flight.connect().setpoint = local_setpoint(pos=(north, east, down), yaw_rad=0.0)
     return flight.run(0.5).enter_offboard().run(15.0)
+
+
+@pytest.fixture(scope="module")
+def taken_off() -> dict[float, Flight]:
+    """In the air, observing, by the cable's length; only to be forked."""
+    flown = {length_m: truth(length_m) for length_m in LENGTHS_M}
+    return {length_m: Flight(flown[length_m], believed(flown[length_m])).take_off() for length_m in LENGTHS_M}
+
+
+@pytest.fixture(scope="module")
+def leaning() -> Flight:
+    """Holding, feeding forward from the start; only to be forked."""
+    flown = truth()
+    return holding(Flight(flown, believed(flown, replace(OBSERVE, feed_forward=True))).take_off())
 
 
 def in_wind(flight: Flight, duration_s: float = 20.0) -> tuple[float, float, float]:
@@ -64,13 +78,14 @@ def in_wind(flight: Flight, duration_s: float = 20.0) -> tuple[float, float, flo
     return float(np.sqrt((errors**2).mean())), float(errors.max()), float(np.sqrt((swing**2).mean()))
 
 
-@pytest.mark.parametrize("length_m", [1.5, 3.0])
-def test_in_wind_with_an_unknown_load_the_position_error_is_halved_and_the_swing_no_larger(length_m: float) -> None:
-    flown = truth(length_m)
-    flight = holding(flown, believed(flown))
-    without, forward = flight, flight.fork()
+@pytest.mark.parametrize("length_m", LENGTHS_M)
+def test_in_wind_with_an_unknown_load_the_position_error_is_halved_and_the_swing_no_larger(
+    taken_off: dict[float, Flight], length_m: float
+) -> None:
+    without = holding(taken_off[length_m].fork())
+    forward = without.fork()
     forward.engine.change_parameters(
-        forward.t_s, believed(flown, replace(OBSERVE, feed_forward=True)), "feed-forward on"
+        forward.t_s, believed(truth(length_m), replace(OBSERVE, feed_forward=True)), "feed-forward on"
     )
     forward.run(2.0)
     without.run(2.0)
@@ -94,7 +109,7 @@ def test_the_estimate_is_cable_wind_and_drag_together() -> None:
     flown = truth()
     # Calibrated by half of the load, the thrust is a tenth too small, and with it every force.
     measured = replace(believed(flown), thrust=replace(flown.thrust, scale_rate_per_s=0.0))
-    flight = holding(flown, measured)
+    flight = holding(Flight(flown, measured).take_off())
     in_wind(flight, 15.0)
     force_n = np.mean([r.disturbance.force_ned_n for r in flight.reports[-300:] if r.disturbance], axis=0)
     drag = DRAG_N_PER_MPS * np.array(WIND_NED_MPS)
@@ -104,9 +119,8 @@ def test_the_estimate_is_cable_wind_and_drag_together() -> None:
     assert force_n[2] == pytest.approx(pull[2], abs=0.25), "with what the thrust curve gets wrong"
 
 
-def test_it_leaves_without_a_load_too() -> None:
-    flown = truth()
-    flight = holding(flown, believed(flown, replace(OBSERVE, feed_forward=True)))
+def test_it_leaves_without_a_load_too(leaning: Flight) -> None:
+    flight = leaning.fork()
     flight.peer.plant.release()
     flight.run(3.0)
     assert flight.engine.pipeline.payload is not PayloadState.ATTACHED
@@ -118,9 +132,8 @@ def test_it_leaves_without_a_load_too() -> None:
     assert flight.setpoints[-1][1].acc_ned_mps2[0] == pytest.approx(flight.reports[-1].feed_forward_acc_ned_mps2[0])
 
 
-def test_switched_off_it_fades_and_an_application_that_ends_takes_it_along() -> None:
-    flown = truth()
-    flight = holding(flown, believed(flown, replace(OBSERVE, feed_forward=True)))
+def test_switched_off_it_fades_and_an_application_that_ends_takes_it_along(leaning: Flight) -> None:
+    flight = leaning.fork()
     in_wind(flight, 5.0)
     silent = flight.fork()
     flight.forget()
@@ -141,7 +154,7 @@ def test_switched_off_it_fades_and_an_application_that_ends_takes_it_along() -> 
 def test_in_mode_shadow_it_is_estimated_and_published_alone() -> None:
     flown = truth()
     on = replace(OBSERVE, feed_forward=True)
-    flight = holding(flown, replace(believed(flown, on), mode=Mode.SHADOW))
+    flight = holding(Flight(flown, replace(believed(flown, on), mode=Mode.SHADOW)).take_off())
     in_wind(flight, 5.0)
     disturbance = flight.reports[-1].disturbance
     assert disturbance is not None
@@ -161,11 +174,10 @@ def test_on_the_ground_nothing_is_told() -> None:
     assert "on ground" in flight.engine.pipeline.feed_forward_withheld_by
 
 
-def test_a_change_of_its_noise_leaves_the_swings_estimate_alone() -> None:
-    flown = truth()
-    flight = Flight(flown, believed(flown)).take_off()
+def test_a_change_of_its_noise_leaves_the_swings_estimate_alone(taken_off: dict[float, Flight]) -> None:
+    flight = taken_off[1.5].fork()
     resets = sum(flight.engine.pipeline.resets.values())
-    flight.engine.change_parameters(flight.t_s, believed(flown, replace(OBSERVE, force_noise=1.5)), "noise")
+    flight.engine.change_parameters(flight.t_s, believed(truth(), replace(OBSERVE, force_noise=1.5)), "noise")
     flight.run(0.5)
     assert sum(flight.engine.pipeline.resets.values()) == resets
     assert flight.reports[-1].disturbance is not None

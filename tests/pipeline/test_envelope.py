@@ -1,6 +1,8 @@
 """Whether a correction may leave, and its one ramp."""
 
 import itertools
+import math
+from collections.abc import Iterator
 from dataclasses import fields, replace
 from enum import Enum
 from typing import Any
@@ -39,31 +41,71 @@ GOOD = Conditions(
 STREAMING = (Mode.HOLD, Mode.INLINE, Mode.PATH)
 
 
-def every(**fixed: Any) -> list[Conditions]:
+class UndecidedError(Exception):
+    """A decision depends on a condition that is not known yet."""
+
+
+class Known:
+    """Some conditions; whoever asks for another is told so."""
+
+    def __init__(self, known: dict[str, Any]) -> None:
+        self.__dict__.update(known)
+
+    def __getattr__(self, name: str) -> Any:
+        raise UndecidedError(name)
+
+
+def decisions(part: Part) -> Iterator[tuple[dict[str, Any], bool]]:
+    """Every decision with the conditions that it asked for; nothing else can have a say in it.
+
+    What is asked for takes each of its values in turn, so that every combination of all conditions is in exactly one.
+    """
+    waiting: list[dict[str, Any]] = [{}]
+    while waiting:
+        known = waiting.pop()
+        try:
+            yield known, may_leave(part, Known(known))  # type: ignore[arg-type]
+        except UndecidedError as undecided:
+            (name,) = undecided.args
+            waiting += [{**known, name: value} for value in DOMAINS[name]]
+
+
+def every(**fixed: Any) -> Iterator[Conditions]:
     """All combinations in which some conditions are as given."""
-    return [Conditions(*values) for values in itertools.product(*({**DOMAINS, **fixed}).values())]
+    single = {name: (value,) for name, value in fixed.items()}
+    return (Conditions(*values) for values in itertools.product(*{**DOMAINS, **single}.values()))
+
+
+def leaving(part: Part) -> set[Conditions]:
+    """All combinations of conditions in which a part may leave."""
+    covered, leaves = 0, set()
+    for asked, may in decisions(part):
+        covered += math.prod(len(domain) for name, domain in DOMAINS.items() if name not in asked)
+        assert may_leave(part, next(every(**asked))) is may
+        leaves |= set(every(**asked)) if may else set()
+    assert covered == 4 * 3 * len(PayloadState) * 2**15, "every combination"
+    return leaves
 
 
 def test_every_combination_of_what_a_correction_depends_on() -> None:
-    combinations = every(path=("",))
-    assert len(combinations) == 4 * 3 * len(PayloadState) * 2**14
-    swing = {conditions for conditions in combinations if may_leave(Part.SWING, conditions)}
-    assert swing == {
-        replace(GOOD, mode=mode, disturbance=doubt) for mode in STREAMING for doubt in DOMAINS["disturbance"]
+    paths, doubts = DOMAINS["path"], DOMAINS["disturbance"]
+    assert leaving(Part.SWING) == {
+        replace(GOOD, mode=mode, disturbance=doubt, path=path)
+        for mode, doubt, path in itertools.product(STREAMING, doubts, paths)
     }
-    disturbance = {conditions for conditions in combinations if may_leave(Part.DISTURBANCE, conditions)}
-    assert disturbance == {
-        replace(GOOD, mode=mode, **dict(zip(SWING_ALONE, values, strict=True)))
-        for mode in STREAMING
+    assert leaving(Part.DISTURBANCE) == {
+        replace(GOOD, mode=mode, path=path, **dict(zip(SWING_ALONE, values, strict=True)))
+        for mode, path in itertools.product(STREAMING, paths)
         for values in itertools.product(*SWING_ALONE.values())
     }
 
 
 def test_every_combination_of_what_a_path_depends_on() -> None:
-    combinations = every(disturbance=("",))
-    path = {conditions for conditions in combinations if may_leave(Part.PATH, conditions)}
-    own = replace(GOOD, mode=Mode.PATH)
-    assert path == {replace(own, trusted=trusted, led=led) for trusted in (False, True) for led in (False, True)}
+    no_yes = (False, True)
+    assert leaving(Part.PATH) == {
+        replace(GOOD, mode=Mode.PATH, trusted=trusted, led=led, disturbance=doubt)
+        for trusted, led, doubt in itertools.product(no_yes, no_yes, DOMAINS["disturbance"])
+    }
 
 
 @pytest.mark.parametrize(("fade_in_s", "fade_out_s"), [(1.0, 0.5), (0.0, 0.5), (2.0, 0.0), (0.0, 0.0)])

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from ports import udp_port
 
-pytestmark = [pytest.mark.live, pytest.mark.alone]
+pytestmark = [pytest.mark.live, pytest.mark.long]
 
 APPLICATION = Path(__file__).with_name("offboard_application.py")
 STAGES = ["discovered", "parameters", "mission", "in the air", "step", "velocity", "position", "landed"]
