@@ -10,12 +10,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from swingd.config.loader import load_parameters, parameters_from_json
+from swingd.model.errors import ConfigurationError
 from swingd.record.truth import read_truth, within
 from swingd.replay import Comparison, compare, replay
 from swingd.studies.tables import markdown
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
-ESTIMATORS = ("swing_ekf", "tether-ukf", "fgdf")
+ESTIMATORS = ("swing_ekf", "gp-ekf", "tether-ukf", "fgdf")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +49,13 @@ FLIGHTS = (
 )  # fmt: skip
 
 
-def judge(data: Path, flight: Recorded, estimator: str) -> Comparison:
-    """Replay a flight with an estimator and compare it with the truth."""
+def judge(data: Path, flight: Recorded, estimator: str) -> Comparison | None:
+    """Replay a flight with an estimator and compare it with the truth; None where it cannot use what was recorded."""
     facts = (*flight.facts, f"estimator.name={estimator}")
-    parameters = load_parameters(CONFIGS / flight.config, facts)
+    try:
+        parameters = load_parameters(CONFIGS / flight.config, facts)
+    except ConfigurationError:
+        return None
     run = replay(data / flight.log, parameters, parameters_from_json)
     true = run.truth if flight.truth is None else read_truth(data / flight.truth)
     if true is None:
@@ -65,13 +69,12 @@ def table(data: Path, flights: tuple[Recorded, ...], estimators: tuple[str, ...]
     body = []
     for flight in flights:
         found = [judge(data, flight, name) for name in estimators]
-        first = found[0]
         body.append(
             [
                 flight.name,
-                *(f"{c.xi.rmse_deg:.2f} / {c.zeta.rmse_deg:.2f}" for c in found),
-                f"{first.xi.pendulum_rmse_deg:.2f} / {first.zeta.pendulum_rmse_deg:.2f}",
-                *(f"{c.xi.rate_rmse_deg_s:.1f} / {c.zeta.rate_rmse_deg_s:.1f}" for c in found),
+                *("-" if c is None else f"{c.xi.rmse_deg:.2f} / {c.zeta.rmse_deg:.2f}" for c in found),
+                next((f"{c.xi.pendulum_rmse_deg:.2f} / {c.zeta.pendulum_rmse_deg:.2f}" for c in found if c), "-"),
+                *("-" if c is None else f"{c.xi.rate_rmse_deg_s:.1f} / {c.zeta.rate_rmse_deg_s:.1f}" for c in found),
             ]
         )
     return markdown(headings, body)
