@@ -60,7 +60,7 @@ def load_cached(path: Path | str | None = None, overrides: Sequence[str] = ()) -
     source = read_source(path, overrides)
     entry = _entry(source)
     parameters = None if entry is None else _read(entry)
-    if parameters is None or not is_current(parameters, source.folder):
+    if parameters is None or not is_current(parameters, source.folder_of("gp_ekf.model")):
         # Imported here, because it brings pydantic, YAML and numpy.
         from swingd.config.loader import load_source
 

@@ -54,7 +54,7 @@ def load_source(source: Source) -> Parameters:
     parameters = _resolve(draft)
     if not draft.is_refused("gp_ekf.model"):
         try:
-            parameters = _with_gp_model(parameters, read_gp_model(parameters, source.folder))
+            parameters = _with_gp_model(parameters, read_gp_model(parameters, source.folder_of("gp_ekf.model")))
         except ConfigurationError as error:
             draft.refuse("gp_ekf.model", str(error))
     # A key that was refused stands at its default, which is not the user's to answer for.

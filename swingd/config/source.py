@@ -26,7 +26,12 @@ class Source:
     overrides: tuple[str, ...]
     """``KEY=VALUE`` each."""
     folder: Path = Path()
-    """What the files that it names are relative to."""
+    """Of the file."""
+
+    def folder_of(self, key: str) -> Path:
+        """Give what a file that a key names is relative to: the file's folder, for an override the working folder."""
+        overridden = any(override.partition("=")[0].strip() == key for override in self.overrides)
+        return Path() if overridden else self.folder
 
 
 def read_source(path: Path | str | None, overrides: Sequence[str]) -> Source:

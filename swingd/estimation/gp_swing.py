@@ -18,8 +18,8 @@ from swingd.model.parameters import Parameters
 
 SOURCE_LATE_S = 0.3
 """It begins at a position and velocity that are younger."""
-NIS_LATE_S = 0.5
-"""A source that has been silent for longer says nothing of how well model and measurements agree."""
+NIS_LATE_S = 0.1
+"""For how long a measurement tells how well model and measurements agree: one outlier is no disagreement."""
 _RELATIVE = [SltsState.REL_POS, SltsState.REL_POS + 1, SltsState.REL_VEL, SltsState.REL_VEL + 1]
 
 

@@ -100,6 +100,14 @@ def test_what_is_no_model_of_this_vehicle_is_refused(file: Path, text: str | Non
     assert said in told
 
 
+def test_on_the_command_line_it_is_named_from_where_one_is(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(file.parent / "models")
+    (file.parent / "models" / "new.json").write_text(model(target=0.7), encoding="utf-8")
+    assert load_parameters(file).gp_ekf.model_text != load_parameters(file, ["gp_ekf.model=new.json"]).gp_ekf.model_text
+    assert load_cached(file, ["gp_ekf.model=new.json"]) == load_cached(file, ["gp_ekf.model=new.json"])
+    assert "models/flown.json: No such file" in refusal(file, "gp_ekf.model=models/flown.json")
+
+
 def test_bytes_that_are_no_text_and_a_file_too_large_are_refused(file: Path) -> None:
     path = file.parent / "models" / "flown.json"
     path.write_bytes(b"\xff\xfe")
