@@ -142,6 +142,7 @@ class Engine:
         """What ended the pipeline; None while nothing has."""
         self._said: deque[int] = deque(maxlen=_SAID_KEPT)
         self._namesake_s = -_NAMESAKE_EVERY_S
+        self._targets_told: set[int] = set()
         self._on_action = on_action
         self._log = log
         self._signing = parameters.link.key_file != "none" if signing is None else signing
@@ -241,7 +242,10 @@ class Engine:
         if port != AUTOPILOT and frame.msg_id in SETPOINT_IDS and self._is_met(t_mono_s, port, frame, out):
             self.router.learn(port, frame)
             return True
-        if shows_load(frame, self._parameters.camera):
+        if frame.msg_id == mavlink.MAVLINK_MSG_ID_LANDING_TARGET and self._parameters.camera.source != "none":
+            if not shows_load(frame, self._parameters.camera):
+                self._tell_of_target(t_mono_s, frame.message.target_num, out)
+                return False
             sighting = self.adapter.sighting(t_mono_s, frame)
             if sighting is not None:
                 self._step(sighting, out)
@@ -516,6 +520,16 @@ class Engine:
         number = self._parameters.link.component_id
         text = f"another component {number} of this system is there; set link.component_id of one of them"
         self._act(t_mono_s, StatusText(Severity.WARNING, text), out)
+
+    def _tell_of_target(self, t_mono_s: float, target_num: int, out: list[Delivery]) -> None:
+        """Say once of each other target that it passes: a wrong number in the configuration looks like that."""
+        if target_num not in self._targets_told:
+            self._targets_told.add(target_num)
+            wanted = self._parameters.camera.target_num
+            text = (
+                f"LANDING_TARGET of target {target_num} passes to the autopilot: the load is camera.target_num {wanted}"
+            )
+            self._act(t_mono_s, StatusText(Severity.NOTICE, text), out)
 
     def _is_own(self, frame: Frame) -> bool:
         return frame.component_id == self._parameters.link.component_id and frame.system_id == self._system_id

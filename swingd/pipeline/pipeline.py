@@ -75,6 +75,7 @@ MASS_SHARE = 0.05
 MASS_STD_SHARE = 0.15
 """A mass that is known worse is not used."""
 TEXT_EVERY_S = 1.0
+CAMERA_LOST_S = 3.0
 LANDED_FOR_S = 1.0
 """The land detector must say so for this long."""
 ESTIMATED_FROM = ("vehicle", "payload", "cable", "thrust", "estimator", "gp_ekf", "camera", "link.imu_rate_hz")
@@ -106,6 +107,7 @@ class Pipeline:
         self._commander = Commander(parameters)
         self._law_told = False
         self._distrust_told = ""
+        self._camera_lost = False
         self._attitude = AttitudeTracker()
         self._refusals: Counter[str] = Counter()
         self._build()
@@ -697,6 +699,15 @@ class Pipeline:
             self._law_told = True
             if self._parameters.mode is not Mode.SHADOW and not self._commander.law_acts:
                 actions.append(StatusText(Severity.WARNING, "no gains help this vehicle: see swingd check"))
+        camera = self.camera(now_s)
+        lost = self._hangs and camera is not None and camera.age_s is not None and camera.age_s > CAMERA_LOST_S
+        if lost != self._camera_lost:
+            self._camera_lost = lost
+            if self._hangs:
+                text = (
+                    f"the camera has not seen the load for {CAMERA_LOST_S:g} s" if lost else "the camera sees the load"
+                )
+                actions.append(StatusText(Severity.NOTICE, text))
         distrust = self._commander.distrust
         if distrust != self._distrust_told:
             self._distrust_told = distrust

@@ -222,6 +222,8 @@ def test_what_is_of_the_load_does_not_reach_the_autopilot_and_what_is_not_does(h
         )
         flight.run(0.05)
     assert received == [1, 1]
+    told = [text for _, text in flight.texts if text.startswith("LANDING_TARGET")]
+    assert told == ["LANDING_TARGET of target 1 passes to the autopilot: the load is camera.target_num 0"]
     heard = [f.message.target_num for f in ground.heard() if f.msg_id == mavlink.MAVLINK_MSG_ID_LANDING_TARGET]
     assert heard.count(1) == 2
     assert heard.count(0) > 2, "who watches the link sees the load as well, and what the other camera says of it"
@@ -241,6 +243,12 @@ def test_a_camera_that_fails_is_missed_and_no_more(hovering: Callable[[], Flight
     assert camera.age_s > 10.0
     assert flight.rmse_deg() < 1.5
     assert flight.engine.pipeline.correcting
+    flight.spoil = None
+    flight.run(1.0)
+    assert [text for _, text in flight.texts if "camera" in text] == [
+        "the camera has not seen the load for 3 s",
+        "the camera sees the load",
+    ]
 
 
 def test_pictures_of_something_else_do_not_lead_it_astray(hovering: Callable[[], Flight]) -> None:

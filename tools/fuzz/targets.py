@@ -24,7 +24,7 @@ from swingd.engine import Engine
 from swingd.link.codec import Codec, Framer, checksum
 from swingd.link.router import AUTOPILOT, port_of
 from swingd.model.errors import ConfigurationError, LogFormatError, SwingdError
-from swingd.model.parameters import Mode, Parameters, Thrust
+from swingd.model.parameters import Mode, Parameters, Thrust, Waypoint
 from swingd.record.csv_log import read_csv_log
 from swingd.record.event_log import EventLogReader, RecordKind
 from swingd.record.tlog import TlogReader
@@ -61,6 +61,7 @@ TELEMETRY = tuple(
             "PARAM_VALUE",
             "RC_CHANNELS",
             "STATUSTEXT",
+            "LANDING_TARGET",
         ),
     )
 )
@@ -69,7 +70,7 @@ QUESTIONS = tuple(
     getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
     for name in ("PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET", "COMMAND_LONG", "COMMAND_INT")
 )
-FLIGHT_S = 12.0
+FLIGHT_S = 16.0
 PORTS = 8
 SENDERS = ((1, 1), (1, 191), (255, 190), (2, 1))
 """The autopilot, swingd itself, a ground station, another vehicle."""
@@ -109,11 +110,25 @@ def check_codec(data: bytes) -> None:
 
 
 @cache
-def _engines() -> tuple[Engine, Engine]:
-    """One that has just joined, and one in line on a vehicle that hovers in OFFBOARD; only to be copied."""
-    parameters = replace(Parameters(mode=Mode.INLINE), simulation=replace(Parameters().simulation, seed=3))
-    fresh, flying = Engine(parameters), Engine(parameters)
+def _engines() -> tuple[Engine, Engine, Engine]:
+    """One that has just joined, one in line on a vehicle that hovers, and one that leads a load; only to be copied."""
+    inline = replace(Parameters(mode=Mode.INLINE), simulation=replace(Parameters().simulation, seed=3))
+    led = replace(
+        inline,
+        mode=Mode.PATH,
+        waypoints=(Waypoint(20.0), Waypoint(20.0, 20.0)),
+        estimator=replace(inline.estimator, name="gp-ekf"),
+        camera=replace(inline.camera, source="landing_target"),
+        simulation=replace(inline.simulation, camera_hz=15.0),
+    )
+    fresh = Engine(inline)
     fresh.join(0.0)
+    return fresh, _flown(inline), _flown(led)
+
+
+def _flown(parameters: Parameters) -> Engine:
+    """Fly until `FLIGHT_S`, the last seconds in OFFBOARD."""
+    flying = Engine(parameters)
     flying.join(0.0)
     peer = SimulatedAutopilot(parameters)
     pilot = Codec(255, 190)
@@ -126,8 +141,10 @@ def _engines() -> tuple[Engine, Engine]:
     flight.run_until(2.0)
     command(mavlink.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, *(math.nan for _ in range(4)))
     command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+    flight.run_until(FLIGHT_S - 2.0)
+    command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 6.0)
     flight.run_until(FLIGHT_S)
-    return fresh, flying
+    return flying
 
 
 def _frame(system: int, component: int, msg_id: int, payload: bytes) -> bytes:
@@ -166,7 +183,7 @@ def _steps(data: bytes, ids: tuple[int, ...]) -> Iterator[tuple[str, int, bytes]
 
 def check_engine(data: bytes, ids: tuple[int, ...]) -> None:
     """No fault inside, and whatever leaves under swingd's name is whole and finite."""
-    engine = copy.deepcopy(_engines()[data[0] & 1 if data else 0])
+    engine = copy.deepcopy(_engines()[data[0] % 3 if data else 0])
     framers = [Framer() for _ in range(PORTS + 1)]
     t_s = FLIGHT_S
     given: set[bytes] = set()
