@@ -1,10 +1,14 @@
 """A study over many seeds: one process a processor, mean and spread of every figure."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from statistics import fmean, stdev
+from typing import TypeVar
+
+_Case = TypeVar("_Case", bound=Hashable)
+_Flight = TypeVar("_Flight")
 
 Figures = dict[str, dict[str, float]]
 """By what is judged, then by index; the figures of one seed."""
@@ -36,6 +40,17 @@ def repeat(
             future.result()
             watch(done / len(wanted))
         return [future.result() for future in futures]
+
+
+def each(
+    wanted: Sequence[_Case], fly: Callable[[_Case], _Flight], watch: Callable[[float], None]
+) -> dict[_Case, _Flight]:
+    """Fly every case once; ``watch`` takes the share done, 0..1."""
+    flights = {}
+    for done, case in enumerate(wanted, start=1):
+        flights[case] = fly(case)
+        watch(done / len(wanted))
+    return flights
 
 
 def mean_and_spread(repeated: list[Figures]) -> tuple[Figures, Figures]:

@@ -1,6 +1,6 @@
 """``swingd study cooperative``."""
 
-import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -35,24 +35,16 @@ def cooperative(
     process.announce_compilation("cooperative_flight", "the simulation", "thirty")
     from swingd.studies.cooperative import report
     from swingd.studies.cooperative.study import as_object, fly_all, fly_and_judge, judge
-    from swingd.studies.seeds import mean_and_spread, repeat
 
     with progress.bar("flying", as_json) as watch:
         study = fly_all(seed, watch)
-    repeated = [judge(study)]
-    if seeds > 1:
-        with progress.bar(f"flying {seeds - 1} more seeds", as_json) as watch:
-            repeated += repeat(fly_and_judge, range(seed + 1, seed + seeds), watch)
-    mean, spread = mean_and_spread(repeated)
+    mean, spread = shared.over_seeds(judge(study), fly_and_judge, seed, seeds, as_json)
     report.write_csv(folder / "tables.csv", list(report.rows(mean, spread)))
     report.write_markdown(folder / "tables.md", mean, spread, seeds)
+    draw = None
     if figures:
-        from swingd.studies.cooperative.figures import draw
+        from swingd.studies.cooperative.figures import draw as draw_all
 
-        with progress.bar("drawing", as_json) as watch:
-            draw(study, folder, file_format, watch)
-    if as_json:
-        typer.echo(json.dumps(as_object(mean, spread, seeds), allow_nan=False))
-        return
-    shared.print_tables(report.tables(mean, spread, seeds))
-    typer.echo(f"tables{' and figures' if figures else ''}: {folder}")
+        draw = partial(draw_all, study, folder, file_format)
+
+    shared.tell(folder, draw, as_object(mean, spread, seeds), report.tables(mean, spread, seeds), as_json)

@@ -1,6 +1,6 @@
 """``swingd study drones2023``."""
 
-import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -35,28 +35,24 @@ def drones2023(
     process.announce_compilation("slung_flight", "the simulation", "forty")
     from swingd.studies.drones2023 import paper, report
     from swingd.studies.drones2023.study import as_object, fly_all, fly_and_judge, judge
-    from swingd.studies.seeds import mean_and_spread, repeat
 
     with progress.bar("flying", as_json) as watch:
         flights = fly_all(seed, watch)
-    repeated = [judge(flights, seed)]
-    if seeds > 1:
-        with progress.bar(f"flying {seeds - 1} more seeds", as_json) as watch:
-            repeated += repeat(fly_and_judge, range(seed + 1, seed + seeds), watch)
-    mean, spread = mean_and_spread(repeated)
+    mean, spread = shared.over_seeds(judge(flights, seed), fly_and_judge, seed, seeds, as_json)
     table = list(report.rows(mean, spread))
     report.write_csv(folder / "tables.csv", table)
     report.write_markdown(folder / "tables.md", table, mean, seeds)
+    draw = None
     if figures:
-        from swingd.studies.drones2023.figures import draw
+        from swingd.studies.drones2023.figures import draw as draw_all
 
-        with progress.bar("drawing", as_json) as watch:
-            draw(flights, folder, file_format, watch)
-    if as_json:
-        typer.echo(json.dumps(as_object(mean, spread, seeds), allow_nan=False))
-        return
-    shared.print_tables(
+        draw = partial(draw_all, flights, folder, file_format)
+
+    shared.tell(
+        folder,
+        draw,
+        as_object(mean, spread, seeds),
         {case: report.case_table(case, table, seeds) for case in paper.VALUES}
-        | {report.RMSE_TITLE: report.rmse_table(mean), report.FORCE_TITLE: report.force_table(mean)}
+        | {report.RMSE_TITLE: report.rmse_table(mean), report.FORCE_TITLE: report.force_table(mean)},
+        as_json,
     )
-    typer.echo(f"tables{' and figures' if figures else ''}: {folder}")

@@ -1,14 +1,18 @@
 """What every study's command does alike: options, checks before the work, tables on the terminal."""
 
+import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from swingd.cli import progress
+
 if TYPE_CHECKING:
+    from swingd.studies.seeds import Figures
     from swingd.studies.tables import Table
 
 WIDTH = 120
@@ -38,6 +42,46 @@ def prepare(folder: Path, file_format: str, figures: bool) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f"--output: {folder} cannot be made: {error.strerror}") from None
+
+
+def over_seeds(
+    first: "Figures", judged: "Callable[[int], Figures]", seed: int, seeds: int, quiet: bool
+) -> "tuple[Figures, Figures]":
+    """Fly and judge the seeds behind the first; mean and spread of every figure over all of them.
+
+    Parameters
+    ----------
+    first : Figures
+        Of ``seed``.
+    judged : callable
+        Takes a seed and gives its figures; see `swingd.studies.seeds.repeat`.
+    seed, seeds : int
+        The first one, and how many there are.
+    quiet : bool
+        Shows no progress.
+    """
+    from swingd.studies.seeds import mean_and_spread, repeat
+
+    repeated = [first]
+    if seeds > 1:
+        with progress.bar(f"flying {seeds - 1} more seeds", quiet) as watch:
+            repeated += repeat(judged, range(seed + 1, seed + seeds), watch)
+    return mean_and_spread(repeated)
+
+
+def tell(
+    folder: Path, draw: "Callable[[Callable[[float], None]], object] | None", found: Any, tables: "Mapping[str, Table]",
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Draw the figures, if there are to be any, and print what was found: one object, or tables."""
+    if draw is not None:
+        with progress.bar("drawing", as_json) as watch:
+            draw(watch)
+    if as_json:
+        typer.echo(json.dumps(found, allow_nan=False))
+        return
+    print_tables(tables)
+    typer.echo(f"tables{' and figures' if draw is not None else ''}: {folder}")
 
 
 def print_tables(tables: "Mapping[str, Table]") -> None:

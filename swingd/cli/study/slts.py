@@ -1,6 +1,5 @@
 """``swingd study slts``."""
 
-import json
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -41,7 +40,6 @@ def slts(
     if find_spec("sklearn") is None:
         raise ConfigurationError("scikit-learn is not installed; expected: pip install 'swingd[study,train]'")
     process.announce_compilation("slts_flight", "the simulation", "forty")
-    from swingd.studies.seeds import mean_and_spread, repeat
     from swingd.studies.slts import report
     from swingd.studies.slts.study import as_object, fly_all, fly_and_judge, judge
     from swingd.studies.slts.training import train_all
@@ -53,21 +51,14 @@ def slts(
     models = {name: training.model.prepare() for name, training in trained.items()}
     with progress.bar("flying", as_json) as watch:
         flights = fly_all(seed, models, watch)
-    repeated = [judge(flights)]
-    if seeds > 1:
-        with progress.bar(f"flying {seeds - 1} more seeds", as_json) as watch:
-            repeated += repeat(partial(fly_and_judge, models), range(seed + 1, seed + seeds), watch)
-    mean, spread = mean_and_spread(repeated)
+    mean, spread = shared.over_seeds(judge(flights), partial(fly_and_judge, models), seed, seeds, as_json)
     tables = report.tables(mean, spread, seeds, trained)
     report.write_csv(folder / "tables.csv", mean, spread)
     report.write_markdown(folder / "tables.md", tables, seeds)
+    draw = None
     if figures:
-        from swingd.studies.slts.figures import draw
+        from swingd.studies.slts.figures import draw as draw_all
 
-        with progress.bar("drawing", as_json) as watch:
-            draw(flights, folder, file_format, watch)
-    if as_json:
-        typer.echo(json.dumps(as_object(mean, spread, seeds, trained), allow_nan=False))
-        return
-    shared.print_tables(tables)
-    typer.echo(f"tables{' and figures' if figures else ''}: {folder}")
+        draw = partial(draw_all, flights, folder, file_format)
+
+    shared.tell(folder, draw, as_object(mean, spread, seeds, trained), tables, as_json)

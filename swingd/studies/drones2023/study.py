@@ -7,7 +7,7 @@ from swingd.studies.drones2023 import paper
 from swingd.studies.drones2023.cases import LAWS, SCENARIOS, VARIANTS
 from swingd.studies.drones2023.flight import Flight, run
 from swingd.studies.drones2023.indicators import disturbance, filter_errors, indicators, settled_after_s
-from swingd.studies.seeds import Figures
+from swingd.studies.seeds import Figures, each
 
 Flights = Mapping[tuple[str, str], Flight]
 """By case and variant, see `swingd.studies.drones2023.cases.VARIANTS`."""
@@ -28,12 +28,9 @@ def fly_all(seed: int, watch: Callable[[float], None] = lambda _share: None) -> 
     StudyError
         If a flight diverges.
     """
-    wanted = [(scenario, variant) for scenario in SCENARIOS for variant in VARIANTS[scenario.name]]
-    flights = {}
-    for done, (scenario, variant) in enumerate(wanted, start=1):
-        flights[scenario.name, variant] = run(scenario, LAWS[variant], seed)
-        watch(done / len(wanted))
-    return flights
+    scenarios = {scenario.name: scenario for scenario in SCENARIOS}
+    wanted = [(case, variant) for case in scenarios for variant in VARIANTS[case]]
+    return each(wanted, lambda one: run(scenarios[one[0]], LAWS[one[1]], seed), watch)
 
 
 def judge(flights: Flights, seed: int) -> Figures:

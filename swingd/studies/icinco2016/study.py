@@ -7,7 +7,7 @@ from swingd.studies.icinco2016 import filters, variations
 from swingd.studies.icinco2016.cases import CIRCLE_TORQUE, SCENARIOS, VARIANTS
 from swingd.studies.icinco2016.flight import Flight, run
 from swingd.studies.icinco2016.indicators import indicators
-from swingd.studies.seeds import Figures
+from swingd.studies.seeds import Figures, each
 
 Flights = Mapping[tuple[str, str], Flight]
 """By case and compensation."""
@@ -28,12 +28,9 @@ def fly_all(seed: int, watch: Callable[[float], None] = lambda _share: None) -> 
     StudyError
         If a flight diverges.
     """
-    wanted = [(scenario, variant) for scenario in SCENARIOS for variant in VARIANTS]
-    flights = {}
-    for done, (scenario, variant) in enumerate(wanted, start=1):
-        flights[scenario.name, variant] = run(scenario, VARIANTS[variant], seed)
-        watch(done / len(wanted))
-    return flights
+    scenarios = {scenario.name: scenario for scenario in SCENARIOS}
+    wanted = [(case, variant) for case in scenarios for variant in VARIANTS]
+    return each(wanted, lambda one: run(scenarios[one[0]], VARIANTS[one[1]], seed), watch)
 
 
 def judge(flights: Flights, seed: int) -> Figures:
