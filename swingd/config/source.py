@@ -44,15 +44,7 @@ def read_source(path: Path | str | None, overrides: Sequence[str]) -> Source:
     """
     if path is None:
         return Source("configuration", b"", tuple(overrides))
-    try:
-        with open(path, "rb") as file:
-            content = file.read(SIZE_MAX + 1)
-    except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror or error}; expected a configuration file in YAML") from None
-    except ValueError as error:
-        raise ConfigurationError(f"{shown(str(path))}: {error}; expected the path of a configuration file") from None
-    if len(content) > SIZE_MAX:
-        raise ConfigurationError(f"{path}: larger than {SIZE_MAX // 1024} KiB; expected a configuration file in YAML")
+    content = _read(Path(path), SIZE_MAX, "configuration file in YAML")
     return Source(str(path), content, tuple(overrides), Path(path).parent)
 
 
@@ -65,16 +57,21 @@ def read_named(folder: Path, name: str) -> str:
         If it cannot be read, is larger than `FILE_SIZE_MAX`, or is not UTF-8; the text names the file.
     """
     path = folder / name
-    try:
-        with open(path, "rb") as file:
-            content = file.read(FILE_SIZE_MAX + 1)
-    except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror or error}; expected a file") from None
-    except ValueError as error:
-        raise ConfigurationError(f"{shown(str(path))}: {error}; expected a file") from None
-    if len(content) > FILE_SIZE_MAX:
-        raise ConfigurationError(f"{path}: larger than {FILE_SIZE_MAX // 1024**2} MiB")
+    content = _read(path, FILE_SIZE_MAX, "file")
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError:
         raise ConfigurationError(f"{path}: not UTF-8") from None
+
+
+def _read(path: Path, size_max: int, what: str) -> bytes:
+    try:
+        with open(path, "rb") as file:
+            content = file.read(size_max + 1)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror or error}; expected a {what}") from None
+    except ValueError as error:
+        raise ConfigurationError(f"{shown(str(path))}: {error}; expected the path of a {what}") from None
+    if len(content) > size_max:
+        raise ConfigurationError(f"{path}: larger than {size_max // 1024} KiB; expected a {what}")
+    return content

@@ -11,7 +11,7 @@ from swingd.model.actions import SwingReport
 from swingd.model.errors import LogFormatError
 from swingd.model.estimate import FloatArray
 from swingd.model.events import Attitude
-from swingd.record.truth import header_of, read_table, read_text
+from swingd.record.truth import read_columns
 
 WATCHED = ("t_boot_s", "veh_n_m", "veh_e_m", "load_n_m", "load_e_m")
 WATCHED_VELOCITY = ("veh_vn_m_s", "veh_ve_m_s")
@@ -68,28 +68,18 @@ def read_watched(path: Path) -> Watched:
     LogFormatError
         If the file is not such a table; names file, line and what was expected.
     """
-    text = read_text(path)
-    names = header_of(path, text)
-    missing = [name for name in WATCHED if name not in names]
-    if missing:
-        raise LogFormatError(f"{path}, line 1: no column {', '.join(missing)}; expected {', '.join(WATCHED)}")
-    table = read_table(path, text, len(names), header=True)
-
-    def column(name: str) -> FloatArray:
-        values: FloatArray = table[:, names.index(name)]
-        return values
-
-    kept = np.isfinite(np.column_stack([column(name) for name in WATCHED])).all(axis=1)
+    columns = read_columns(path, lambda _names: WATCHED)
+    kept = np.isfinite(np.column_stack([columns[name] for name in WATCHED])).all(axis=1)
     for name in _HANGING:
-        if name in names:
-            kept &= column(name) == 1.0
-    t_boot_s = column("t_boot_s")[kept]
+        if name in columns:
+            kept &= columns[name] == 1.0
+    t_boot_s = columns["t_boot_s"][kept]
     if not (np.diff(t_boot_s) > 0.0).all():
         at = int(np.flatnonzero(~(np.diff(t_boot_s) > 0.0))[0])
         raise LogFormatError(f"{path}: t_boot_s = {t_boot_s[at + 1]} after {t_boot_s[at]}; expected it to rise")
-    rel_m = np.column_stack([column(f"veh_{axis}_m") - column(f"load_{axis}_m") for axis in ("n", "e")])[kept]
-    moving = all(name in names for name in WATCHED_VELOCITY)
-    vel_mps = np.column_stack([column(name) for name in WATCHED_VELOCITY])[kept] if moving else None
+    rel_m = np.column_stack([columns[f"veh_{axis}_m"] - columns[f"load_{axis}_m"] for axis in ("n", "e")])[kept]
+    moving = all(name in columns for name in WATCHED_VELOCITY)
+    vel_mps = np.column_stack([columns[name] for name in WATCHED_VELOCITY])[kept] if moving else None
     return Watched(t_boot_s, rel_m, vel_mps)
 
 

@@ -4,7 +4,7 @@ import csv
 import gzip
 import io
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -119,6 +119,29 @@ def header_of(path: Path | str, text: str) -> list[str]:
     return [name.strip() for name in next(_lines(path, text), (1, []))[1]]
 
 
+def read_columns(path: Path | str, wanted: Callable[[Sequence[str]], Sequence[str]]) -> dict[str, FloatArray]:
+    """Return the columns (rows,) of a CSV file with a header, plain or gzip, by name; an empty cell is NaN.
+
+    Parameters
+    ----------
+    path : Path or str
+    wanted : callable
+        Gives the columns that must be there, from the names that are.
+
+    Raises
+    ------
+    LogFormatError
+        If the file is no table of numbers, or a column is missing; names file, line and what was expected.
+    """
+    text = read_text(path)
+    names = header_of(path, text)
+    expected = wanted(names)
+    missing = [name for name in expected if name not in names]
+    if missing:
+        raise LogFormatError(f"{path}, line 1: no column {', '.join(missing)}; expected {', '.join(expected)}")
+    return dict(zip(names, read_table(path, text, len(names), header=True).T, strict=True))
+
+
 def within(truth: SwingTruth, start_s: float | None = None, end_s: float | None = None) -> SwingTruth:
     """Return the truth with nothing outside of a window of ``t_boot_s`` [s], both ends included, valid."""
     valid = truth.valid.copy()
@@ -146,21 +169,15 @@ def read_truth(path: Path | str, start_s: float | None = None, end_s: float | No
     LogFormatError
         If the file is not such a table; names file, line and what was expected.
     """
-    text = read_text(path)
-    names = header_of(path, text)
-    wanted = _PX4_SITL if _PX4_SITL[0] in names else _OWN
-    missing = [name for name in ("t_boot_s", *wanted) if name not in names]
-    if missing:
-        raise LogFormatError(f"{path}, line 1: no column {', '.join(missing)}; expected t_boot_s, {', '.join(wanted)}")
-    table = read_table(path, text, len(names), header=True)
-    t_boot_s = table[:, names.index("t_boot_s")]
+    columns = read_columns(path, lambda names: ("t_boot_s", *(_PX4_SITL if _PX4_SITL[0] in names else _OWN)))
+    t_boot_s = columns["t_boot_s"]
     wrong = np.flatnonzero(~(np.diff(t_boot_s) > 0.0))
     if wrong.size or not np.isfinite(t_boot_s).all():
         at = int(wrong[0]) + 1 if wrong.size else int(np.flatnonzero(~np.isfinite(t_boot_s))[0])
         raise LogFormatError(f"{path}, row {at + 1}: t_boot_s = {t_boot_s[at]}; expected more than in the row before")
-    xi, zeta, xi_rate, zeta_rate = (table[:, names.index(name)] for name in wanted)
+    xi, zeta, xi_rate, zeta_rate = (columns[name] for name in (_PX4_SITL if _PX4_SITL[0] in columns else _OWN))
     valid = np.isfinite(xi) & np.isfinite(zeta) & np.isfinite(xi_rate) & np.isfinite(zeta_rate)
     for name in ("attached", "taut"):
-        if name in names:
-            valid &= table[:, names.index(name)] == 1.0
+        if name in columns:
+            valid &= columns[name] == 1.0
     return within(SwingTruth(t_boot_s, xi, zeta, xi_rate, zeta_rate, valid), start_s, end_s)

@@ -114,7 +114,7 @@ def test_bytes_that_are_no_text_and_a_file_too_large_are_refused(file: Path) -> 
     assert "flown.json: not UTF-8" in refusal(file)
     with path.open("wb") as stream:
         os.truncate(stream.fileno(), 5 * 1024 * 1024)
-    assert "flown.json: larger than 4 MiB" in refusal(file)
+    assert "flown.json: larger than 4096 KiB" in refusal(file)
 
 
 def test_a_model_that_was_trained_anew_is_read_anew(file: Path) -> None:
