@@ -3,6 +3,7 @@ of memory, file handles, latency and health.
 
     make soak                                     # 24 hours in as many lanes as there are cores
     python -m tools.soak --hours 1 --seed 7 --lanes 1
+    python -m tools.soak --hours 1 --estimator gp-ekf   # with a camera that sees the load
 
 The whole engine flies against the simulated autopilot in virtual time; every second lane is an ArduPilot. A lane is
 flown again by its seed, printed with whatever it broke. The picture and the figures lie in out/soak, also of what was
@@ -46,12 +47,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--hours", type=_positive, default=24.0, metavar="H", help="simulated, in all; default: 24")
     parser.add_argument("--lanes", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: one per core")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="of the first lane; default: 1")
+    parser.add_argument(
+        "--estimator", choices=("swing_ekf", "gp-ekf"), default="swing_ekf", help="default: %(default)s"
+    )
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "out/soak", metavar="DIR")
     parser.add_argument("--json", action="store_true", help="print the figures as one JSON object instead of a table")
     given = parser.parse_args(arguments)
     if given.seed < 0:
         parser.error(f"argument --seed: {given.seed} given; expected 0 or more")
-    lanes = fly_all(given.seed, given.lanes, 3600.0 * given.hours / given.lanes)
+    lanes = fly_all(given.seed, given.lanes, 3600.0 * given.hours / given.lanes, given.estimator)
     said = complaints(lanes)
     given.out.mkdir(parents=True, exist_ok=True)
     figures = {"swingd": swingd.__version__, "complaints": said, "lanes": [_figures(lane) for lane in lanes]}
@@ -65,14 +69,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if said else 0
 
 
-def fly_all(seed: int, count: int, duration_s: float) -> list[Lane]:
+def fly_all(seed: int, count: int, duration_s: float, estimator: str = "swing_ekf") -> list[Lane]:
     """Fly lanes side by side, each in a process of its own, and gather what they tell."""
     context = multiprocessing.get_context("spawn")
     jobs: dict[Connection, tuple[BaseProcess, Lane]] = {}
     for number in range(count):
         here, there = context.Pipe(duplex=False)
         autopilot = AUTOPILOTS[number % len(AUTOPILOTS)]
-        process = context.Process(target=fly_in_process, args=(there, seed + number, autopilot, duration_s))
+        process = context.Process(target=fly_in_process, args=(there, seed + number, autopilot, duration_s, estimator))
         process.start()
         there.close()
         jobs[here] = process, Lane(seed + number, autopilot.value, duration_s)

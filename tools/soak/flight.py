@@ -37,11 +37,14 @@ FOLLOWS = (NavState.OFFBOARD, NavState.GUIDED)
 SHAPERS = (ShaperName.NONE, ShaperName.ZV, ShaperName.ZVD, ShaperName.EI)
 
 
-def parameters_of(seed: int, autopilot: SimulatedKind) -> Parameters:
-    """What a lane flies, and what swingd believes of it."""
+def parameters_of(seed: int, autopilot: SimulatedKind, estimator: str) -> Parameters:
+    """What a lane flies, and what swingd believes of it; a camera sees the load where the estimator takes it."""
     parameters = Parameters()
+    seen = estimator == "gp-ekf"
     return replace(
         parameters,
+        estimator=replace(parameters.estimator, name=estimator),
+        camera=replace(parameters.camera, source="landing_target" if seen else "none"),
         mode=Mode.INLINE,
         vehicle=replace(parameters.vehicle, drag_n_per_mps=0.35),
         payload=replace(parameters.payload, estimate_mass=MassUse.USE),
@@ -53,6 +56,7 @@ def parameters_of(seed: int, autopilot: SimulatedKind) -> Parameters:
             takeoff_altitude_m=6.0,
             payload_drag_area_m2=0.006,
             battery_drain_s=600.0,
+            camera_hz=15.0 if seen else 0.0,
         ),
     )
 
@@ -92,6 +96,8 @@ class Flight:
         What it looks like.
     on_sample, on_hour : callable
         Get what is told each simulated minute and hour; nothing of it is kept.
+    estimator : str
+        By name.
     """
 
     def __init__(
@@ -100,8 +106,9 @@ class Flight:
         autopilot: SimulatedKind,
         on_sample: Callable[[Sample], None],
         on_hour: Callable[[Hour], None],
+        estimator: str = "swing_ekf",
     ) -> None:
-        self.parameters = parameters_of(seed, autopilot)
+        self.parameters = parameters_of(seed, autopilot, estimator)
         self.is_copter = autopilot is SimulatedKind.ARDUPILOT
         self.peer = SimulatedAutopilot(self.parameters)
         self.watch = Watch()

@@ -17,7 +17,13 @@ AUTOPILOTS = (SimulatedKind.PX4, SimulatedKind.ARDUPILOT)
 PIECE_S = 10.0
 
 
-def fly(seed: int, autopilot: SimulatedKind, duration_s: float, tell: Callable[[object], None]) -> Lane:
+def fly(
+    seed: int,
+    autopilot: SimulatedKind,
+    duration_s: float,
+    tell: Callable[[object], None],
+    estimator: str = "swing_ekf",
+) -> Lane:
     """Fly one lane.
 
     Parameters
@@ -31,6 +37,8 @@ def fly(seed: int, autopilot: SimulatedKind, duration_s: float, tell: Callable[[
     tell : callable
         Gets each `Sample`, `Hour` and `Breach`, and in between the simulated time [s], so that the lane itself keeps
         nothing.
+    estimator : str
+        By name.
 
     Returns
     -------
@@ -39,7 +47,7 @@ def fly(seed: int, autopilot: SimulatedKind, duration_s: float, tell: Callable[[
     """
     begin_s = perf_counter()
     lane = Lane(seed, autopilot.value, duration_s)
-    flight = Flight(seed, autopilot, tell, tell)
+    flight = Flight(seed, autopilot, tell, tell, estimator)
     pilot = Pilot(flight, seed)
     told = 0
     try:
@@ -58,8 +66,10 @@ def fly(seed: int, autopilot: SimulatedKind, duration_s: float, tell: Callable[[
     return lane
 
 
-def fly_in_process(connection: Connection, seed: int, autopilot: SimulatedKind, duration_s: float) -> None:
+def fly_in_process(
+    connection: Connection, seed: int, autopilot: SimulatedKind, duration_s: float, estimator: str
+) -> None:
     """Fly one lane and tell everything through a connection, the `Lane` last; whoever listens ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    connection.send(fly(seed, autopilot, duration_s, connection.send))
+    connection.send(fly(seed, autopilot, duration_s, connection.send, estimator))
     connection.close()
