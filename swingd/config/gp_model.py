@@ -1,15 +1,11 @@
 """The learned acceleration model that a configuration names: read once, judged, and kept as text."""
 
 import json
-import math
 from pathlib import Path
 
 from swingd.config.source import read_named
 from swingd.model.errors import ConfigurationError
 from swingd.model.parameters import Parameters
-
-TRAINED_SHARE_MAX = 0.1
-"""What it was trained for may differ from what is configured by this share."""
 
 
 def read_gp_model(parameters: Parameters, folder: Path) -> str:
@@ -36,21 +32,16 @@ def read_gp_model(parameters: Parameters, folder: Path) -> str:
         return ""
     text = read_named(folder, parameters.gp_ekf.model)
     # It brings the kernels, which a configuration without a model does not need.
-    from swingd.estimation.acceleration_model import AccelerationModel
+    from swingd.estimation.acceleration_model import TRAINED_SHARE_MAX, AccelerationModel
 
     model = AccelerationModel.from_json(text, parameters.gp_ekf.model)
     model.prepare()
-    trained = model.trained_for
-    for key, configured, was in (
-        ("vehicle.mass_kg", parameters.vehicle.mass_kg, trained.mass_kg),
-        ("payload.mass_kg", parameters.payload.mass_kg, trained.payload_mass_kg),
-        ("cable.length_m", parameters.cable.length_m, trained.cable_length_m),
-    ):
-        if not math.isclose(configured, was, rel_tol=TRAINED_SHARE_MAX):
-            raise ConfigurationError(
-                f"{parameters.gp_ekf.model}: trained for {key} {was:g}, configured is {configured:g}; "
-                f"expected a model of this vehicle and load, within {TRAINED_SHARE_MAX:.0%}"
-            )
+    misfit = model.misfit(parameters.vehicle.mass_kg, parameters.payload.mass_kg, parameters.cable.length_m)
+    if misfit:
+        raise ConfigurationError(
+            f"{parameters.gp_ekf.model}: {misfit}; expected a model of this vehicle and load, within "
+            f"{TRAINED_SHARE_MAX:.0%}"
+        )
     return one_line(text)
 
 

@@ -242,8 +242,12 @@ class Engine:
         if port != AUTOPILOT and frame.msg_id in SETPOINT_IDS and self._is_met(t_mono_s, port, frame, out):
             self.router.learn(port, frame)
             return True
-        if frame.msg_id == mavlink.MAVLINK_MSG_ID_LANDING_TARGET and self._parameters.camera.source != "none":
-            if not shows_load(frame, self._parameters.camera):
+        if (
+            frame.msg_id == mavlink.MAVLINK_MSG_ID_LANDING_TARGET
+            and frame.system_id == self._system_id
+            and self._parameters.camera.source != "none"
+        ):
+            if not shows_load(frame, self._parameters.camera, self._system_id):
                 self._tell_of_target(t_mono_s, frame.message.target_num, out)
                 return False
             sighting = self.adapter.sighting(t_mono_s, frame)

@@ -20,6 +20,8 @@ SWING_FEATURES = FEATURES[:NUM_SWING_FEATURES]
 """Of (17)."""
 OUTPUTS = ("acc_n_mps2", "acc_e_mps2")
 """What v' is more than the rigid cable's equation says."""
+TRAINED_SHARE_MAX = 0.1
+"""What it was trained for may differ from what it is used for by this share."""
 NUMBER_MAX = 1e6
 """No number of the file is larger."""
 
@@ -67,6 +69,18 @@ class AccelerationModel:
     """(m, 2) deviation of each mean: sigma_n over the root of how many it is made of [m/s^2]."""
     load_share: float = 0.0
     """How much of the error pushes the load, the rest pushes the vehicle, 0..1; 0 is the careful guess."""
+
+    def misfit(self, mass_kg: float, payload_mass_kg: float, cable_length_m: float) -> str:
+        """Say why it is not of a vehicle, a load and a cable; empty where it is, within `TRAINED_SHARE_MAX`."""
+        trained = self.trained_for
+        for name, now, then in (
+            ("vehicle.mass_kg", mass_kg, trained.mass_kg),
+            ("payload.mass_kg", payload_mass_kg, trained.payload_mass_kg),
+            ("cable.length_m", cable_length_m, trained.cable_length_m),
+        ):
+            if not math.isclose(now, then, rel_tol=TRAINED_SHARE_MAX):
+                return f"trained for {name} {then:g}, configured is {now:g}"
+        return ""
 
     def prepare(self) -> Prepared:
         """Compute once what the filter needs at every step.

@@ -96,6 +96,9 @@ class SwingEstimator(Protocol):
 class LoadEstimator(SwingEstimator, Protocol):
     """Takes besides what comes when it comes: positions, velocities and sightings, each with its own time."""
 
+    note: str
+    """What is to be told of how it was built; empty where there is nothing."""
+
     def stand(self, t_boot_s: float, to_ned_rad: float) -> None:
         """Tell how the interval that the next `step` advances over ends.
 

@@ -182,10 +182,15 @@ class GpEkf:
                 self._gated_since_s[source] = None
             elif since_s is None:
                 self._gated_since_s[source] = measurement.t_s
-            elif measurement.t_s - since_s > GATED_MAX_S:
+            elif measurement.t_s - since_s > GATED_MAX_S and source is not Source.REL_POS:
+                # A camera may mistake something else for the load, and for long: no reason to forget what is known.
                 self.reset(ResetReason.INNOVATION)
                 return Status.NOT_CONVERGED
         return judged
+
+    def nis(self, source: Source) -> float:
+        """Return the normalised innovation squared of a source's last measurement; 0 before the first."""
+        return self._last_nis[source]
 
     def estimate(self) -> LoadEstimate:
         """Return the state after the newest step or measurement."""
@@ -238,6 +243,7 @@ class GpEkf:
 
     def _begin(self, t_s: float) -> None:
         self._gated_since_s = dict.fromkeys(Source)
+        self._last_nis = dict.fromkeys(Source, 0.0)
         s = self._settings
         self._x[:] = 0.0
         self._x[SltsState.LOAD_POS : SltsState.LOAD_POS + 3] = self._seen[Source.VEHICLE_POS]

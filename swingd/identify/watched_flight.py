@@ -92,7 +92,8 @@ def swing_rows(
     ----------
     watched : Watched
     reports : sequence of SwingReport
-        Of a replay of the flight; steps without a watched row within `GAP_S` on both sides are left out.
+        Of a replay of the flight; steps without a watched row within `GAP_S` on both sides are left out, and those
+        whose thrust was inferred from the acceleration, which says nothing of what the acceleration's model lacks.
     attitudes : sequence of Attitude
         Of the same flight, at least two.
     hook_frd_m : (3,)
@@ -101,17 +102,21 @@ def swing_rows(
     Raises
     ------
     LogFormatError
-        If not one step of the flight was watched.
+        If not one step of the flight was watched with a known thrust.
     """
-    t_s = np.array([report.t_boot_s for report in reports])
-    force = np.array([report.applied_ned_n for report in reports]).reshape(-1, 3)
+    driven = [report for report in reports if report.thrust_known]
+    t_s = np.array([report.t_boot_s for report in driven])
+    force = np.array([report.applied_ned_n for report in driven]).reshape(-1, 3)
     after = np.searchsorted(watched.t_boot_s, t_s)
     inside = (after > 0) & (after < watched.t_boot_s.size)
     if inside.any():
         at = np.clip(after, 1, watched.t_boot_s.size - 1)
         inside &= watched.t_boot_s[at] - watched.t_boot_s[at - 1] <= GAP_S
     if not inside.any() or len(attitudes) < 2:
-        raise LogFormatError("no step of the flight was watched; expected t_boot_s on the autopilot's clock")
+        raise LogFormatError(
+            "no step of the flight was watched with a known thrust; expected t_boot_s on the autopilot's clock, and "
+            "motor outputs or a throttle"
+        )
     t_s, force = t_s[inside], force[inside]
 
     def at_steps(values: FloatArray, times: FloatArray) -> FloatArray:

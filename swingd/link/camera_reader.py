@@ -23,11 +23,12 @@ _SENDER_SILENT_S = 2.0
 _STAMPS_KEPT = 32
 
 
-def shows_load(frame: Frame, camera: Camera) -> bool:
-    """Whether a frame is the LANDING_TARGET by which the load is told."""
+def shows_load(frame: Frame, camera: Camera, system_id: int) -> bool:
+    """Whether a frame is the LANDING_TARGET by which the load of the vehicle ``system_id`` is told."""
     return (
         camera.source == "landing_target"
         and frame.msg_id == mavlink.MAVLINK_MSG_ID_LANDING_TARGET
+        and frame.system_id == system_id
         and frame.message.target_num == camera.target_num
     )
 
@@ -35,10 +36,10 @@ def shows_load(frame: Frame, camera: Camera) -> bool:
 class CameraReader:
     """Reads the sightings of one camera, the first that is heard, while it goes on.
 
-    A camera stamps its pictures by a clock of its own, boot time or unix time. That clock is tracked like the
-    autopilot's: the quickest message is taken to have been there at once, and the others are late by as much as their
-    stamps say. How old the quickest one was nobody can see; ``camera.delay_s`` tells. A stamp of 0 is none: then the
-    message counts as taken when it came.
+    A camera stamps its pictures by a clock of its own, boot time or unix time. That clock is tracked against the
+    autopilot's newest stamp, so that a simulation that runs slowly shifts nothing: the quickest message is taken to
+    have been there at once, and the others are late by as much as their stamps say. How old the quickest one was nobody
+    can see; ``camera.delay_s`` tells. A stamp of 0 is none: then the message counts as taken when it came.
 
     Parameters
     ----------
@@ -90,25 +91,25 @@ class CameraReader:
             return Drop.NOT_FINITE
         if max(map(abs, position_m)) > POS_MAX_M:
             return Drop.IMPOSSIBLE
-        taken_s = self._time(t_mono_s, message.time_usec)
-        if isinstance(taken_s, Drop):
-            return taken_s
-        t_boot_s = telemetry.boot_time(taken_s)
-        return Drop.NO_CLOCK if t_boot_s is None else LoadSighting(t_mono_s, t_boot_s, position_m, seen_as)
+        now_s = telemetry.newest_s
+        if now_s is None:
+            return Drop.NO_CLOCK
+        taken_s = self._time(now_s, message.time_usec)
+        return taken_s if isinstance(taken_s, Drop) else LoadSighting(t_mono_s, taken_s, position_m, seen_as)
 
-    def _time(self, t_mono_s: float, stamp_us: int) -> float | Drop:
-        """Return when the picture was taken by the host's clock [s]."""
+    def _time(self, now_s: float, stamp_us: int) -> float | Drop:
+        """Return when the picture was taken by the autopilot's clock, which shows ``now_s`` [s]."""
         if stamp_us == 0:
-            return t_mono_s
+            return now_s
         if stamp_us >= _STAMP_MAX_US:
             return Drop.IMPOSSIBLE
         if stamp_us in self._stamps:
             return Drop.DUPLICATE
-        verdict = self._clock.judge(t_mono_s, stamp_us * 1e-6)
+        verdict = self._clock.judge(now_s, stamp_us * 1e-6)
         if verdict is Verdict.LATE:
             return Drop.LATE
         if verdict is Verdict.AHEAD:
             return Drop.AHEAD
         self._stamps.append(stamp_us)
         assert self._clock.offset_s is not None
-        return min(stamp_us * 1e-6 - self._clock.offset_s, t_mono_s)
+        return min(stamp_us * 1e-6 - self._clock.offset_s, now_s)

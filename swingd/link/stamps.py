@@ -156,9 +156,11 @@ class Stamps:
         if known_s is None or abs(difference_s - known_s) > _UNIX_STEP_S:
             clocks.unix_minus_boot_s = difference_s
 
-    def boot_time(self, t_mono_s: float) -> float | None:
-        """Return the boot time [s] that the quickest delivery would have at a time; None where it is not known yet."""
-        return self._expected_s(t_mono_s)
+    @property
+    def newest_s(self) -> float | None:
+        """The newest stamp of this life of the autopilot, of whatever stream [s]; None before the first."""
+        newest_s = max(self._clocks.last_s.values())
+        return newest_s if math.isfinite(newest_s) else None
 
     def _expected_s(self, t_mono_s: float) -> float | None:
         offset_s = self._clocks.boot.offset_s

@@ -128,9 +128,10 @@ class Telemetry:
         self._motor_high = max(thrust.motor_output_min, thrust.motor_output_max)
         self._motor_count = thrust.motor_count
 
-    def boot_time(self, t_mono_s: float) -> float | None:
-        """Return the autopilot's clock at a time of the host's [s]; None before its first stamp."""
-        return self._stamps.boot_time(t_mono_s)
+    @property
+    def newest_s(self) -> float | None:
+        """The autopilot's newest stamp [s]; None before its first."""
+        return self._stamps.newest_s
 
     def disarmed(self) -> None:
         """Forget which outputs drive motors: they are found anew at the next arming."""

@@ -80,6 +80,8 @@ class SwingReport:
     """Acceleration set against the disturbance, beside the correction of the swing."""
     applied_ned_n: Vec3 = (0.0, 0.0, 0.0)
     """Force on the vehicle that the filter was told of: thrust, known drag, what the hook's motion takes [N]."""
+    thrust_known: bool = True
+    """False where the thrust was inferred from the acceleration."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """What an estimator of the load is corrected by: the autopilot's position and velocity, and a camera's sightings."""
 
+import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -56,9 +57,11 @@ class LoadSources:
         Vehicle, camera and the noises of gp_ekf.
     estimator : LoadEstimator
         Is corrected.
+    before : LoadSources, optional
+        What it has seen so far is known here too.
     """
 
-    def __init__(self, parameters: Parameters, estimator: LoadEstimator) -> None:
+    def __init__(self, parameters: Parameters, estimator: LoadEstimator, before: "LoadSources | None" = None) -> None:
         self._estimator = estimator
         self._camera = parameters.camera
         self._pos_noise, self._vel_noise = parameters.gp_ekf.pos_noise, parameters.gp_ekf.vel_noise
@@ -67,13 +70,18 @@ class LoadSources:
         self._hook_vel_ned: Vec3 = (0.0, 0.0, 0.0)
         self._sighted_s: deque[float] = deque(maxlen=REMEMBERED)
         self._unused = 0
-        self.reset()
+        self._attitudes: deque[Attitude] = deque(maxlen=REMEMBERED)
+        self._positions: deque[LocalPosition] = deque(maxlen=REMEMBERED)
+        self._taken_s = -math.inf
+        if before is not None:
+            self._sighted_s, self._unused = before._sighted_s, before._unused
+            self._attitudes, self._positions = before._attitudes, before._positions
 
     def reset(self) -> None:
         """The autopilot's clock began anew."""
-        self._attitudes: deque[Attitude] = deque(maxlen=REMEMBERED)
-        self._positions: deque[LocalPosition] = deque(maxlen=REMEMBERED)
-        self._taken_s = -np.inf
+        self._attitudes.clear()
+        self._positions.clear()
+        self._taken_s = -math.inf
 
     def turn(self, yaw_jump_rad: float) -> None:
         """The autopilot's yaw was reset: attitudes before it turn to another north."""
@@ -105,7 +113,7 @@ class LoadSources:
             (Source.VEHICLE_POS, position.pos_ned_m, self._hook_ned, self._pos_noise),
             (Source.VEHICLE_VEL, position.vel_ned_mps, self._hook_vel_ned, self._vel_noise),
         ):
-            std = density / float(np.sqrt(span_s))
+            std = density / math.sqrt(span_s)
             self._estimator.correct(LoadMeasurement(source, _sum(value, offset), (std, std, std), position.t_boot_s))
 
     def add_sighting(self, sighting: LoadSighting) -> None:

@@ -76,6 +76,7 @@ MASS_STD_SHARE = 0.15
 """A mass that is known worse is not used."""
 TEXT_EVERY_S = 1.0
 CAMERA_LOST_S = 3.0
+_SEEN = "the camera sees the load"
 LANDED_FOR_S = 1.0
 """The land detector must say so for this long."""
 ESTIMATED_FROM = ("vehicle", "payload", "cable", "thrust", "estimator", "gp_ekf", "camera", "link.imu_rate_hz")
@@ -107,7 +108,10 @@ class Pipeline:
         self._commander = Commander(parameters)
         self._law_told = False
         self._distrust_told = ""
-        self._camera_lost = False
+        self._load: LoadSources | None = None
+        self._notes: list[str] = []
+        self._camera_told = ""
+        self._hanging_since_s = -math.inf
         self._attitude = AttitudeTracker()
         self._refusals: Counter[str] = Counter()
         self._build()
@@ -148,7 +152,11 @@ class Pipeline:
 
     def _take_estimator(self, parameters: Parameters) -> None:
         self._estimator = estimator = make_estimator(parameters)
-        self._load = LoadSources(parameters, estimator) if isinstance(estimator, LoadEstimator) else None
+        before, self._load = self._load, None
+        if isinstance(estimator, LoadEstimator):
+            self._load = LoadSources(parameters, estimator, before)
+            if estimator.note:
+                self._notes.append(estimator.note)
 
     @property
     def parameters(self) -> Parameters:
@@ -654,6 +662,7 @@ class Pipeline:
                 disturbance=disturbance,
                 feed_forward_acc_ned_mps2=(*self._commander.feed_forward_mps2, 0.0),
                 applied_ned_n=_ned(self._force, tilt),
+                thrust_known=thrust.source is not ThrustSource.REMARK_1,
             )
         )
         return actions
@@ -669,6 +678,17 @@ class Pipeline:
         )
 
     # ---- time
+
+    def _tell_of_camera(self, now_s: float) -> list[Action]:
+        """Say once that a load which hangs is not seen any more, and that it is again."""
+        camera = self.camera(now_s)
+        if camera is None or not self._hangs:
+            self._hanging_since_s = now_s
+            return []
+        age_s = min(now_s - self._hanging_since_s, math.inf if camera.age_s is None else camera.age_s)
+        text = f"the camera has not seen the load for {CAMERA_LOST_S:g} s" if age_s > CAMERA_LOST_S else _SEEN
+        told, self._camera_told = self._camera_told, text
+        return [] if text == (told or _SEEN) else [StatusText(Severity.NOTICE, text)]
 
     @property
     def _heartbeat_age_s(self) -> float | None:
@@ -699,15 +719,9 @@ class Pipeline:
             self._law_told = True
             if self._parameters.mode is not Mode.SHADOW and not self._commander.law_acts:
                 actions.append(StatusText(Severity.WARNING, "no gains help this vehicle: see swingd check"))
-        camera = self.camera(now_s)
-        lost = self._hangs and camera is not None and camera.age_s is not None and camera.age_s > CAMERA_LOST_S
-        if lost != self._camera_lost:
-            self._camera_lost = lost
-            if self._hangs:
-                text = (
-                    f"the camera has not seen the load for {CAMERA_LOST_S:g} s" if lost else "the camera sees the load"
-                )
-                actions.append(StatusText(Severity.NOTICE, text))
+        actions += self._tell_of_camera(now_s)
+        actions += [StatusText(Severity.WARNING, note) for note in self._notes]
+        self._notes.clear()
         distrust = self._commander.distrust
         if distrust != self._distrust_told:
             self._distrust_told = distrust

@@ -169,7 +169,7 @@ def _tlog_events(reader: TlogReader, adapter: AutopilotAdapter, camera: Camera) 
         latest_s = max(latest_s, t_s - begin_s)
         frames = framer.receive(raw)
         for frame in frames:
-            sighting = adapter.sighting(latest_s, frame) if shows_load(frame, camera) else None
+            sighting = adapter.sighting(latest_s, frame) if shows_load(frame, camera, adapter.system_id) else None
             if sighting is not None:
                 yield sighting
         yield from adapter.take(latest_s, frames)

@@ -12,7 +12,9 @@ from swingd.core.gp_ekf import Source
 from swingd.core.slts import SltsState
 from swingd.core.status import Status
 from swingd.estimation import GpSwing, LoadEstimator, SwingEkf, make_estimator
+from swingd.estimation.acceleration_model import AccelerationModel, TrainedFor
 from swingd.estimation.base import LoadMeasurement
+from swingd.estimation.gp_swing import settings_of
 from swingd.model.errors import ConfigurationError
 from swingd.model.estimate import ResetReason
 from swingd.model.parameters import Parameters
@@ -127,30 +129,134 @@ def test_a_late_picture_counts_at_its_own_time():
         world.run(0.1, acc_ned=(3.0, 0.0), sources=False)
     assert not np.allclose(now.estimator.estimate().x, later.estimator.estimate().x, atol=1e-3)
     assert later.tell(Source.REL_POS, seen, 0.05, late_s=0.1) is Status.OK
+    for world in worlds:
+        world.run(DT_S, acc_ned=(3.0, 0.0), sources=False)
     np.testing.assert_allclose(later.estimator.estimate().x, now.estimator.estimate().x, atol=1e-6)
     assert later.tell(Source.REL_POS, seen, 0.05, late_s=30.0) is Status.TOO_LATE
 
 
-def test_where_positions_stay_away_it_says_so():
+def test_where_positions_stay_away_its_angles_are_told_as_unknown():
+    """Half a second is bridged; the filter itself goes on, and is known again with the first position."""
     world = World(gp()).run(15.0)
     before = world.estimator.estimate().P[0, 0]
+    world.run(0.45, sources=False)
+    assert world.estimator.estimate().P[0, 0] < 1.5 * before
+    world.run(0.1, sources=False)
+    assert world.estimator.estimate().P[0, 0] > 1.0
     world.run(15.0, sources=False)
-    assert world.estimator.estimate().P[0, 0] > 4.0 * before
+    assert world.estimator.load.P[3, 3] > 4.0 * before * LENGTH_M**2
+    world.run(0.1)
+    assert world.estimator.estimate().P[0, 0] < 0.1
+
+
+def told_nis(world, duration_s):
+    """Largest that is told, a step at a time."""
+    largest = 0.0
+    for _ in range(round(duration_s / DT_S)):
+        world.run(DT_S)
+        largest = max(largest, world.estimator.estimate().nis)
+    return largest
+
+
+def test_before_it_runs_nothing_agrees_with_measurements():
+    """So that the time in which a filter must have been consistent begins with it."""
+    world = World(gp()).run(0.2, sources=False)
+    assert world.estimator.estimate().nis > 100.0
+    assert told_nis(world.run(0.2), 1.0) < 10.0
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.08, 0.3])
+def test_a_picture_of_something_else_tells_until_the_next_is_due_however_old_it_is(late_s):
+    world = World(gp()).run(3.0)
+    for _ in range(3):
+        world.run(0.1)
+        assert world.tell(Source.REL_POS, (1.2, 0.0, -0.9), 0.05, late_s) is Status.GATED
+    assert told_nis(world, 0.05) > 30.0
+    assert told_nis(world.run(0.2), 1.0) < 10.0
+
+
+def test_pictures_of_something_else_never_make_it_forget_what_it_knows():
+    world = World(gp()).run(3.0)
+    for _ in range(50):
+        world.run(0.1)
+        assert world.tell(Source.REL_POS, (1.2, 0.0, -0.9), 0.05) is Status.GATED
+    assert sum(world.estimator.resets.values()) == 0
+    np.testing.assert_allclose(np.degrees(world.estimator.estimate().x[:2]), 0.0, atol=1.0)
+
+
+def test_what_a_life_before_was_told_says_nothing_after_a_restart():
+    world = World(gp()).run(3.0)
+    world.tell(Source.REL_POS, (1.2, 0.0, -0.9), 0.05)
+    world.estimator.reset(ResetReason.CLOCK)
+    world.t_s = 5.0
+    world.run(1.0)
+    assert told_nis(world, 1.0) < 10.0
+
+
+def test_a_cable_that_is_felt_elsewhere_than_it_is_believed_to_be_is_a_disagreement():
+    """The vehicle is pulled to and fro as by a load at 0.7 rad; the filter is told of none of it but the acceleration.
+
+    Where a camera sees the load hang still, it is wind.
+    """
+
+    def mean(pull_n, camera=False):
+        world = World(gp()).run(3.0)
+        step, nis = world.estimator.step, []
+
+        def shaken(force, _acc, dt, **more):
+            pulled = np.array([pull_n * math.sin(2.6 * world.t_s) / MASS_KG, 0.0, 0.0])
+            status = step(force, pulled, dt, **more)
+            nis.append(world.estimator.estimate().nis)
+            return status
+
+        world.estimator.step = shaken
+        world.run(6.0, camera=camera)
+        return np.mean(nis[200:])
+
+    assert mean(0.7 * PAYLOAD_KG * G) > 20.0
+    assert mean(0.7 * PAYLOAD_KG * G, camera=True) < 5.0
+    assert mean(0.1 * PAYLOAD_KG * G) < 5.0
+
+
+def test_a_wide_beginning_is_one_that_the_filter_can_begin_with():
+    wide = replace(Parameters().estimator, swing_std_init_rad=1.5)
+    world = World(gp(estimator=wide)).run(2.0)
+    assert sum(world.estimator.resets.values()) == 0
+    assert world.estimator.estimate().P[0, 0] < 0.1
+
+
+def test_its_memory_covers_the_cameras_delay():
+    slow = replace(Parameters().camera, source="landing_target", delay_s=0.5)
+    fast = replace(Parameters().estimator, rate_hz=400.0)
+    assert settings_of(replace(Parameters(), camera=slow, estimator=fast)).memory > 0.6 * (400.0 + 66.0 + 30.0)
+
+
+def test_a_gap_begins_it_anew_below_where_the_vehicle_is_and_is_no_failure():
+    world = World(gp()).run(2.0).run(0.5, acc_ned=(3.0, 0.0))
+    world.t_s += 0.7
+    world.vehicle = world.vehicle + 0.7 * world.vel
+    world.tell(Source.VEHICLE_POS, world.vehicle, 0.1)
+    world.tell(Source.VEHICLE_VEL, world.vel, 0.1)
+    world.run(DT_S)
+    assert world.estimator.resets[ResetReason.GAP] == 1
+    assert world.estimator.load.x[0] == pytest.approx(world.vehicle[0], abs=0.1)
 
 
 def test_a_reset_of_the_yaw_turns_the_cable_about_the_vehicle():
-    """North was wrong by 0.4 rad; in the level frame, which the gyro holds, the load is where it was."""
-    world = World(gp()).run(1.0).run(0.5, acc_ned=(3.0, 1.0))
-    estimator = world.estimator
-    before, load = estimator.estimate(), estimator.load.x
-    vehicle = load[:2] + load[3:5]
-    estimator.turn(0.4)
-    estimator.stand(world.t_s, 0.4)
-    after, turned = estimator.estimate(), estimator.load.x
-    np.testing.assert_allclose(after.x[:4], before.x[:4], atol=1e-9)
-    np.testing.assert_allclose(after.P[:4, :4], before.P[:4, :4], atol=1e-9)
-    np.testing.assert_allclose(turned[:2] + turned[3:5], vehicle, atol=1e-9)
-    assert math.atan2(turned[4], turned[3]) - math.atan2(load[4], load[3]) == pytest.approx(0.4)
+    """North was wrong by 0.4 rad; in the level frame, which the gyro holds, the load is where it was, and stays."""
+    straight, turned = (World(gp()).run(1.0).run(0.5, acc_ned=(3.0, 1.0)) for _ in range(2))
+    load = turned.estimator.load.x
+    turned.estimator.turn(0.4)
+    R = np.array([[math.cos(0.4), -math.sin(0.4)], [math.sin(0.4), math.cos(0.4)]])
+    after = turned.estimator.load.x
+    np.testing.assert_allclose(after[:2] + after[3:5], load[:2] + load[3:5], atol=1e-9)
+    np.testing.assert_allclose(after[3:5], R @ load[3:5], atol=1e-9)
+    turned.to_ned_rad, turned.rel, turned.rel_vel = 0.4, R @ turned.rel, R @ turned.rel_vel
+    straight.run(0.3, acc_ned=(3.0, 1.0), sources=False)
+    turned.run(0.3, acc_ned=tuple(R @ [3.0, 1.0]), sources=False)
+    expected, told = straight.estimator.estimate(), turned.estimator.estimate()
+    np.testing.assert_allclose(told.x[:4], expected.x[:4], atol=1e-6)
+    np.testing.assert_allclose(told.P[:4, :4], expected.P[:4, :4], atol=1e-6)
 
 
 def test_it_begins_anew_where_it_is_told_to_and_counts_that():
@@ -193,6 +299,17 @@ def test_where_it_began_anew_between_two_steps_the_next_one_says_so():
     assert answers == {Status.OK, Status.GATED, Status.NOT_CONVERGED}
     assert told.count(Status.NOT_CONVERGED) == 1
     assert world.estimator.resets[ResetReason.INNOVATION] == 1
+
+
+def test_what_was_learned_with_another_load_is_not_used_and_that_is_said():
+    trained_for = TrainedFor(MASS_KG, PAYLOAD_KG, LENGTH_M)
+    ones = np.ones((1, 2))
+    learned = AccelerationModel(trained_for, np.ones((2, 4)), np.ones(2), np.zeros((1, 4)), ones, ones)
+    told = replace(Parameters().gp_ekf, model="model.json", model_text=learned.to_json())
+    assert gp(gp_ekf=told).note == ""
+    heavy = gp(gp_ekf=told, payload=replace(Parameters().payload, mass_kg=0.9))
+    assert heavy.note == "model.json is not used: trained for payload.mass_kg 0.3, configured is 0.9"
+    assert heavy.note != gp().note == ""
 
 
 def test_a_model_that_cannot_be_read_is_refused():

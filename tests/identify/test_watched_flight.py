@@ -2,6 +2,7 @@
 
 import gzip
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -79,10 +80,21 @@ def test_steps_that_nobody_watched_are_left_out(file: Path) -> None:
     assert not ((rows.t_s > 12.0) & (rows.t_s < 13.0)).any()
     rows.write(file)
     assert len(read(file)) == 2
-    with pytest.raises(LogFormatError, match="no step of the flight was watched; expected t_boot_s on the autopilot"):
+    with pytest.raises(
+        LogFormatError,
+        match="no step of the flight was watched with a known thrust; expected t_boot_s on the autopilot",
+    ):
         swing_rows(watched(times), [report(500.0)], attitudes(), ZERO)
     with pytest.raises(LogFormatError, match="no step of the flight was watched"):
         swing_rows(watched(times), [], attitudes(), ZERO)
+
+
+def test_a_thrust_that_was_inferred_teaches_nothing() -> None:
+    times = np.arange(10.0, 12.0, 0.02)
+    reports = [replace(report(10.1 + 0.01 * k), thrust_known=k % 2 == 0) for k in range(10)]
+    assert len(swing_rows(watched(times), reports, attitudes(), ZERO).t_s) == 5
+    with pytest.raises(LogFormatError, match="with a known thrust"):
+        swing_rows(watched(times), reports[1::2], attitudes(), ZERO)
 
 
 @pytest.mark.parametrize("moving", [True, False])
