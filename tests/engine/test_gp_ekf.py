@@ -19,7 +19,7 @@ from swingd.config.plain import parameters_to_json
 from swingd.estimation import GpSwing
 from swingd.estimation.gp_ekf import LoadEstimate
 from swingd.link.stamps import Drop
-from swingd.model.actions import Action, SwingReport
+from swingd.model.actions import Action, Health, SwingReport
 from swingd.model.estimate import ResetReason
 from swingd.model.parameters import Camera, Estimator, Mode, Parameters, Path, Waypoint
 from swingd.pipeline.path import PathState
@@ -172,23 +172,30 @@ def test_it_damps_the_swing_without_a_camera() -> None:
     assert sum(flight.engine.pipeline.resets.values()) == flight.engine.pipeline.resets[ResetReason.LIFT]
 
 
-def test_in_wind_that_nobody_told_it_of_a_camera_makes_it_better() -> None:
-    """Wind on a vehicle whose drag is not configured; the same flight with and without LANDING_TARGET."""
-    errors = []
+def test_in_wind_that_nobody_told_it_of_a_camera_makes_it_better_and_certain() -> None:
+    """Gusts of 2 m/s on a drag that is not configured push the vehicle about in the pendulum's time.
+
+    Without a camera nobody can tell them from the load, and the correction waits now and then; a camera sees that it is
+    wind.
+    """
+    errors, doubts = [], []
     for camera in (False, True):
-        believes = seen(hold(), camera, wind_ned_mps=(5.0, 0.0, 0.0), gust_std_mps=1.0)
+        believes = seen(hold(), camera, wind_ned_mps=(6.0, 0.0, 0.0), gust_std_mps=2.0)
         flight = Flight(dragged(believes), believes).take_off()
-        flight.run_until_healthy(10.0).enter_offboard().run(2.0)
+        flight.run(8.0).enter_offboard()
         errors.append(steps(flight).rmse_deg())
+        doubts.append(any("measurements and model disagree" in text for _, text in flight.texts))
     without, with_camera = errors
-    assert with_camera < 0.85 * without
-    assert with_camera < 1.4
+    assert with_camera < 0.7 * without
+    assert with_camera < 1.5
+    assert doubts == [True, False]
 
 
 def test_what_is_of_the_load_does_not_reach_the_autopilot_and_what_is_not_does(hovering: Callable[[], Flight]) -> None:
-    """From an endpoint: the load is target 0, and a pad to land on is target 1."""
+    """From an endpoint: the load is target 0, and a pad to land on is target 1. Another vehicle's load is its own."""
     flight = hovering()
     camera, ground = flight.connect(ids=(1, 101)), flight.connect(ids=(255, 190))
+    other = flight.connect(ids=(2, 100))
     received: list[int] = []
     deliver = flight.peer.receive
 
@@ -201,8 +208,8 @@ def test_what_is_of_the_load_does_not_reach_the_autopilot_and_what_is_not_does(h
         deliver(data)
 
     flight.peer.receive = noted  # type: ignore[method-assign]
-    for number, target in enumerate((0, 1, 0, 1)):
-        camera.send(
+    for number, (sender, target) in enumerate(((camera, 0), (camera, 1), (camera, 0), (camera, 1), (other, 0))):
+        sender.send(
             mavlink.MAVLink_landing_target_message(
                 1_000_000 + number,
                 target,
@@ -221,7 +228,7 @@ def test_what_is_of_the_load_does_not_reach_the_autopilot_and_what_is_not_does(h
             )
         )
         flight.run(0.05)
-    assert received == [1, 1]
+    assert received == [1, 1, 0]
     told = [text for _, text in flight.texts if text.startswith("LANDING_TARGET")]
     assert told == ["LANDING_TARGET of target 1 passes to the autopilot: the load is camera.target_num 0"]
     heard = [f.message.target_num for f in ground.heard() if f.msg_id == mavlink.MAVLINK_MSG_ID_LANDING_TARGET]
@@ -251,10 +258,10 @@ def test_a_camera_that_fails_is_missed_and_no_more(hovering: Callable[[], Flight
     ]
 
 
-def test_pictures_of_something_else_do_not_lead_it_astray(hovering: Callable[[], Flight]) -> None:
-    """A camera that mistakes a thing 3 m aside for the load, 1.5 s long: its pictures are gated and counted."""
+def test_pictures_of_something_else_are_not_believed_and_the_correction_waits(hovering: Callable[[], Flight]) -> None:
+    """A camera that mistakes a thing 3 m aside for the load, for 5 s: who is wrong cannot be told."""
     flight = hovering()
-    before = flight.engine.pipeline.refusals["sighting"]
+    before, resets = flight.engine.pipeline.refusals["sighting"], dict(flight.engine.pipeline.resets)
     camera = flight.engine.adapter.sighting
 
     def mistaken(t_s, frame):  # type: ignore[no-untyped-def]
@@ -262,12 +269,16 @@ def test_pictures_of_something_else_do_not_lead_it_astray(hovering: Callable[[],
         return None if told is None else replace(told, position_m=(3.0, 0.0, 0.5))
 
     flight.engine.adapter.sighting = mistaken  # type: ignore[method-assign]
-    flight.run(0.9)
-    assert flight.engine.pipeline.refusals["sighting"] - before > 8
+    flight.run(5.0)
+    assert flight.engine.pipeline.refusals["sighting"] - before > 60
+    assert flight.health is Health.DEGRADED
+    assert not flight.engine.pipeline.correcting
+    assert flight.engine.pipeline.resets == resets
     flight.engine.adapter.sighting = camera  # type: ignore[method-assign]
     flight.forget()
     flight.run(3.0)
     assert flight.rmse_deg() < 1.5
+    assert flight.health is Health.ACTIVE
 
 
 def test_a_heading_that_was_wrong_is_forgotten_when_the_autopilot_resets_it(hovering: Callable[[], Flight]) -> None:
@@ -372,8 +383,9 @@ def test_what_was_learned_makes_the_load_better_known_than_the_plain_filter_and_
 
 def test_its_errors_are_as_large_as_it_says(led: dict[str, Watch]) -> None:
     watch = led["learned"]
-    nees = watch.nees(_begun_s(watch))
-    assert np.mean(nees) < 9.49, "95 % of chi-square with 4 degrees of freedom"
+    nees = float(np.mean(watch.nees(_begun_s(watch))))
+    print(f"NEES of r and v, mean: {nees:.2f} of 4")
+    assert 0.4 < nees < 5.0, "chi-square with 4 degrees of freedom, but errors last for a second"
     errors = watch.errors(_begun_s(watch))
     deviations = np.array([np.sqrt(np.diag(one.P)[3:5]) for one in watch.known if one.t_s >= _begun_s(watch)])
     assert np.mean(np.abs(errors) < 3.0 * deviations) > 0.99
