@@ -37,7 +37,7 @@ FOLLOWS = (NavState.OFFBOARD, NavState.GUIDED)
 SHAPERS = (ShaperName.NONE, ShaperName.ZV, ShaperName.ZVD, ShaperName.EI)
 
 
-def parameters_of(seed: int, autopilot: SimulatedKind, estimator: str) -> Parameters:
+def parameters_of(seed: int, autopilot: SimulatedKind, estimator: str = "swing_ekf") -> Parameters:
     """What a lane flies, and what swingd believes of it; a camera sees the load where the estimator takes it."""
     parameters = Parameters()
     seen = estimator == "gp-ekf"
