@@ -2,7 +2,6 @@
 
 import math
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -168,10 +167,10 @@ def _remember(kept: deque[_T], newest: _T) -> None:
         kept.popleft()
 
 
-def _near(kept: Iterable[_T], t_s: float) -> tuple[tuple[_T, _T], float] | None:
+def _near(kept: deque[_T], t_s: float) -> tuple[tuple[_T, _T], float] | None:
     """Give what was before and after a time, and how far between it lies; at most `APART_MAX_S` apart."""
     after: _T | None = None
-    for one in reversed(kept):  # type: ignore[call-overload]
+    for one in reversed(kept):
         if one.t_boot_s <= t_s:
             last = after if after is not None else one
             span_s = last.t_boot_s - one.t_boot_s
