@@ -60,11 +60,11 @@ def log_(
     process.check_output(output, "--output", (flight, truth, config))
     process.announce_compilation()
     from swingd.cli.progress import bar
-    from swingd.config.loader import load_parameters, parameters_from_json
+    from swingd.config.loader import parameters_from_json
     from swingd.identify.watched_flight import read_watched, swing_rows
     from swingd.replay import replay
 
-    parameters = load_parameters(config, overrides or ()) if config is not None or overrides else None
+    parameters = options.given(config, overrides)
     watched = read_watched(truth)
     with bar(f"replaying {flight.name}", quiet=as_json) as advance:
         run = replay(flight, parameters, parameters_from_json, advance)

@@ -42,14 +42,14 @@ def identify(
     mass must be right. A velocity step or two in each direction are enough; what a flight cannot tell is said.
     """
     from swingd.cli.progress import bar
-    from swingd.config.loader import load_parameters, parameters_from_json
+    from swingd.config.loader import parameters_from_json
     from swingd.identify import FlightRecord
     from swingd.identify import identify as identify_flight
     from swingd.replay import replay
 
     process.check_output(picture, "--output", (log, config))
     process.announce_compilation()
-    parameters = load_parameters(config, overrides or ()) if config is not None or overrides else None
+    parameters = options.given(config, overrides)
     with bar(f"replaying {log.name}", quiet=as_json) as advance:
         run = replay(log, parameters, parameters_from_json, advance)
     record = FlightRecord(run.imu, run.attitudes, run.positions, run.parameters.vehicle)

@@ -1,9 +1,12 @@
 """Options that several commands share."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from swingd.model.parameters import Parameters
 
 Config = Annotated[
     Path | None,
@@ -14,3 +17,16 @@ Overrides = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="Set one key, for example payload.mass_kg=0.4; repeatable."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
+
+
+def given(config: Path | None, overrides: list[str] | None) -> "Parameters | None":
+    """Load what the options say; None where neither was given, for a recording has parameters of its own.
+
+    Raises
+    ------
+    ConfigurationError
+        As the loader does.
+    """
+    from swingd.config.loader import load_parameters
+
+    return load_parameters(config, overrides or ()) if config is not None or overrides else None

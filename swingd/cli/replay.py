@@ -49,7 +49,7 @@ def replay(
     Published sets that carry the true swing in their CSV are compared with it without --truth.
     """
     from swingd.cli.progress import bar
-    from swingd.config.loader import load_parameters, parameters_from_json
+    from swingd.config.loader import parameters_from_json
     from swingd.model.errors import ConfigurationError
     from swingd.model.parameters import Parameters
     from swingd.record.truth import read_truth, within
@@ -59,7 +59,7 @@ def replay(
     process.check_output(output, "--output", (log, config, truth))
     process.check_output(plot, "--plot", (log, config, truth))
     process.announce_compilation()
-    parameters = load_parameters(config, overrides or ()) if config is not None or overrides else None
+    parameters = options.given(config, overrides)
     true = read_truth(truth) if truth is not None else None
     with bar(f"replaying {log.name}", quiet=as_json) as advance:
         run = run_log(log, parameters, parameters_from_json, advance)

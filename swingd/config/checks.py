@@ -8,7 +8,7 @@ from functools import partial
 
 from swingd.config.schema import LIST_MAX
 from swingd.control.summary import curve_thrust_n, hover_thrust_n, swing_free
-from swingd.link.url import LOOPBACK, SerialPort, TcpIn, UdpIn, parse_url
+from swingd.link.url import LOOPBACK, parse_url, taken_by
 from swingd.model.errors import LinkUrlError
 from swingd.model.parameters import LEG_MIN_M, Mode, Parameters, ThrustSource
 
@@ -211,14 +211,7 @@ def _taken(url: str | None) -> str | None:
     """Name what only one link can have; None if there is no such thing."""
     if url is None or _url(url) is not None:
         return None
-    match parse_url(url, default_host=LOOPBACK):
-        case UdpIn(port=port) if port:
-            return f"UDP port {port}"
-        case TcpIn(port=port) if port:
-            return f"TCP port {port}"
-        case SerialPort(device=device):
-            return device
-    return None
+    return taken_by(parse_url(url, default_host=LOOPBACK))
 
 
 def _same(first: int, second: int, p: Parameters) -> str | None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from swingd.estimation.cooperative_pose import WinchTable
-from swingd.link.url import LOOPBACK, LinkUrl, SerialPort, TcpIn, UdpIn, parse_url
+from swingd.link.url import LOOPBACK, parse_url, taken_by
 from swingd.model.errors import ConfigurationError, LinkUrlError
 from swingd.model.formation import VEHICLES_MIN, FormationParameters
 
@@ -63,24 +63,12 @@ def _links(values: Any) -> Iterator[tuple[str, str]]:
             yield name, str(error)
             continue
         shared = name.startswith("vehicles") and urls.get(str(url), "").startswith("vehicles")
-        what = _taken(url)
+        what = taken_by(url)
         if not shared and what is not None:
             if what in taken:
                 yield name, f"{url} takes {what}, as {taken[what]} does; expected one of its own, or the same URL"
             taken.setdefault(what, name)
         urls.setdefault(str(url), name)
-
-
-def _taken(url: LinkUrl) -> str | None:
-    """Name what only one link can have."""
-    match url:
-        case UdpIn(port=port) if port:
-            return f"UDP port {port}"
-        case TcpIn(port=port) if port:
-            return f"TCP port {port}"
-        case SerialPort(device=device):
-            return device
-    return None
 
 
 def _origins(values: Any) -> Iterator[tuple[str, str]]:

@@ -1,34 +1,24 @@
 """The swing angles of a cable whose horizontal part is known, as `swingd.core.slts` has it."""
 
-from math import asin, atan2, cos, sin, sqrt
+from math import cos, sin, sqrt
 
 import numpy as np
 
 from swingd.core._jit import F8, MAT, VEC, VOID, kernel
 from swingd.core.linalg import multiply, multiply_transposed
+from swingd.core.tether_ukf import swing_angles
 
 _STEP = 1e-6
 """Of the central differences, relative to the cable and to cable over second."""
 
 
 @kernel(VOID(VEC, VEC))
-def swing_angles(swing_out, direction):
-    """xi, zeta [rad] and their rates [rad/s], see `swingd.core.swing_ekf.State`.
-
-    Parameters
-    ----------
-    swing_out : (4,), written
-    direction : (4,)
-        Horizontal part of the cable's unit vector, hook to load, level frame, and its derivative [1/s].
-    """
+def _angles(swing_out, direction):
+    """`swing_angles` of the horizontal part of the cable's unit vector, hook to load, and of its derivative, (4,)."""
     x, y, x_rate, y_rate = direction[0], direction[1], direction[2], direction[3]
     z = sqrt(max(1.0 - x * x - y * y, 1e-12))
-    z_rate = -(x * x_rate + y * y_rate) / z
-    across2 = y * y + z * z
-    swing_out[0] = atan2(-y, z)
-    swing_out[1] = asin(min(1.0, max(-1.0, x)))
-    swing_out[2] = (y * z_rate - z * y_rate) / across2
-    swing_out[3] = x_rate / sqrt(across2)
+    whole = np.array((x, y, z, x_rate, y_rate, -(x * x_rate + y * y_rate) / z))
+    swing_angles(swing_out, whole)
 
 
 @kernel(VOID(VEC, VEC, MAT, VEC, MAT, F8, F8))
@@ -57,7 +47,7 @@ def swing(swing_out, rate_out, P_out, relative, P, length_m, to_level_rad):
         direction[i + 1] = s * relative[i] + c * relative[i + 1]
         direction_rate[i] = c * relative[i + 2] - s * relative[i + 3]
         direction_rate[i + 1] = s * relative[i + 2] + c * relative[i + 3]
-    swing_angles(swing_out, direction)
+    _angles(swing_out, direction)
     turn = np.zeros((4, 4))
     for i in range(0, 4, 2):
         turn[i, i], turn[i, i + 1], turn[i + 1, i], turn[i + 1, i + 1] = c, -s, s, c
@@ -65,9 +55,9 @@ def swing(swing_out, rate_out, P_out, relative, P, length_m, to_level_rad):
     for j in range(4):
         near[:] = direction
         near[j] = direction[j] + _STEP
-        swing_angles(beyond, near)
+        _angles(beyond, near)
         near[j] = direction[j] - _STEP
-        swing_angles(before, near)
+        _angles(before, near)
         for i in range(4):
             jacobian[i, j] = (beyond[i] - before[i]) / (2.0 * _STEP)
     for i in range(4):

@@ -242,20 +242,15 @@ class Engine:
         if port != AUTOPILOT and frame.msg_id in SETPOINT_IDS and self._is_met(t_mono_s, port, frame, out):
             self.router.learn(port, frame)
             return True
-        if (
-            frame.msg_id == mavlink.MAVLINK_MSG_ID_LANDING_TARGET
-            and frame.system_id == self._system_id
-            and self._parameters.camera.source != "none"
-        ):
-            if not shows_load(frame, self._parameters.camera, self._system_id):
-                self._tell_of_target(t_mono_s, frame.message.target_num, out)
-                return False
+        if shows_load(frame, self._parameters.camera, self._system_id):
             sighting = self.adapter.sighting(t_mono_s, frame)
             if sighting is not None:
                 self._step(sighting, out)
             # The autopilot would take the load for a place to land on.
             out += [(to, frame.raw) for to in self.router.route(port, frame) if to != AUTOPILOT]
             return True
+        if frame.msg_id == mavlink.MAVLINK_MSG_ID_LANDING_TARGET:
+            self._tell_of_target(t_mono_s, frame, out)
         if frame.msg_id == mavlink.MAVLINK_MSG_ID_SETUP_SIGNING:
             self.drops[Drop.SIGNING_KEY] += 1
             return True
@@ -525,15 +520,15 @@ class Engine:
         text = f"another component {number} of this system is there; set link.component_id of one of them"
         self._act(t_mono_s, StatusText(Severity.WARNING, text), out)
 
-    def _tell_of_target(self, t_mono_s: float, target_num: int, out: list[Delivery]) -> None:
+    def _tell_of_target(self, t_mono_s: float, frame: Frame, out: list[Delivery]) -> None:
         """Say once of each other target that it passes: a wrong number in the configuration looks like that."""
-        if target_num not in self._targets_told:
-            self._targets_told.add(target_num)
-            wanted = self._parameters.camera.target_num
-            text = (
-                f"LANDING_TARGET of target {target_num} passes to the autopilot: the load is camera.target_num {wanted}"
-            )
-            self._act(t_mono_s, StatusText(Severity.NOTICE, text), out)
+        camera, number = self._parameters.camera, frame.message.target_num
+        if camera.source == "none" or frame.system_id != self._system_id or number in self._targets_told:
+            return
+        self._targets_told.add(number)
+        load = f"the load is camera.target_num {camera.target_num}"
+        text = f"LANDING_TARGET of target {number} passes to the autopilot: {load}"
+        self._act(t_mono_s, StatusText(Severity.NOTICE, text), out)
 
     def _is_own(self, frame: Frame) -> bool:
         return frame.component_id == self._parameters.link.component_id and frame.system_id == self._system_id

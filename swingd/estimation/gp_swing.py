@@ -97,6 +97,8 @@ class GpSwing:
 
     def __init__(self, parameters: Parameters) -> None:
         self._settings = settings_of(parameters)
+        s = self._settings
+        self._allowed_n = GRAVITY_MPS2 * math.hypot(FELT_SHARE * s.payload_mass_kg, FELT_VEHICLE_SHARE * s.mass_kg)
         self.note = ""
         """Why what was learned is not used; empty where it is, or where there is nothing."""
         self._filter = GpEkf(self._settings, self._model_of(parameters))
@@ -214,8 +216,7 @@ class GpSwing:
         felt = s.mass_kg * acc_mps2[:2] - force_n[:2] - tension_n * direction
         self._felt_fast += dt_s / (dt_s + FELT_FAST_S) * (felt - self._felt_fast)
         self._felt_slow += dt_s / (dt_s + FELT_SLOW_S) * (felt - self._felt_slow)
-        allowed_n = GRAVITY_MPS2 * math.hypot(FELT_SHARE * s.payload_mass_kg, FELT_VEHICLE_SHARE * s.mass_kg)
-        felt_nis = FELT_NIS * float(np.sum((self._felt_fast - self._felt_slow) ** 2)) / allowed_n**2
+        felt_nis = FELT_NIS * float(np.sum((self._felt_fast - self._felt_slow) ** 2)) / self._allowed_n**2
         camera = self._heard.get(Source.REL_POS)
         if camera is not None and self._t_s - camera.came_s < CAMERA_TRUSTED_S and camera.nis <= s.nis_gate:
             felt_nis = 0.0

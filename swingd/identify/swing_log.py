@@ -11,7 +11,7 @@ import numpy as np
 from swingd.model.errors import LogFormatError
 from swingd.model.estimate import FloatArray
 
-REQUIRED = ("t_s", "force_n_n", "force_e_n", "force_d_n", "r_n_m", "r_e_m")
+REQUIRED: tuple[str, ...] = ("t_s", "force_n_n", "force_e_n", "force_d_n", "r_n_m", "r_e_m")
 """Time; thrust as modelled, ned, mean since the row before; vehicle relative to the load."""
 RATES = ("v_n_mps", "v_e_mps")
 """Derivative of r, may be absent: r is smoothed and differentiated then."""
@@ -68,17 +68,29 @@ def read(path: Path) -> list[Segment]:
 
 
 def write(path: Path, segment: Segment) -> None:
-    """Write a log that `read` takes."""
-    columns = [segment.t_s, segment.force_ned_n, segment.r_m, segment.v_mps]
-    names: tuple[str, ...] = REQUIRED + RATES
-    if segment.vel_load_mps is not None:
-        columns.append(segment.vel_load_mps + segment.v_mps)
-        names += VELOCITY
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(names)
-        for values in np.column_stack(columns):
-            table.writerow([f"{value:.6g}" if at else f"{value:.3f}" for at, value in enumerate(values)])
+    """Write a log that `read` takes.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    vel_mps = None if segment.vel_load_mps is None else segment.vel_load_mps + segment.v_mps
+    write_rows(path, segment.t_s, segment.force_ned_n, segment.r_m, segment.v_mps, vel_mps)
+
+
+def write_rows(
+    path: Path, t_s: FloatArray, force_ned_n: FloatArray, r_m: FloatArray, v_mps: FloatArray | None = None,
+    vel_mps: FloatArray | None = None,
+) -> None:  # fmt: skip
+    """Write the rows of a log: what is None has no columns; ``vel_mps`` is the vehicle's. Raises as `write` does."""
+    columns, names = [t_s, force_ned_n, r_m], REQUIRED
+    for values, more in ((v_mps, RATES), (vel_mps, VELOCITY)):
+        if values is not None:
+            columns.append(values)
+            names += more
+    table = np.column_stack(columns)
+    np.savetxt(path, table, "%.6f", delimiter=",", header=",".join(names), comments="", encoding="utf-8")
 
 
 def _row(path: Path, number: int, row: list[str], columns: list[int]) -> list[float] | None:

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from swingd.identify.swing_log import GAP_S, REQUIRED, VELOCITY
+from swingd.core.level import level_from_frd
+from swingd.identify.swing_log import GAP_S, write_rows
 from swingd.model.actions import SwingReport
 from swingd.model.errors import LogFormatError
 from swingd.model.estimate import FloatArray
 from swingd.model.events import Attitude
-from swingd.record.truth import read_columns
+from swingd.record.truth import hanging, read_columns
 
 WATCHED = ("t_boot_s", "veh_n_m", "veh_e_m", "load_n_m", "load_e_m")
 WATCHED_VELOCITY = ("veh_vn_m_s", "veh_ve_m_s")
-_HANGING = ("attached", "taut")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,20 +44,8 @@ class SwingRows:
     """(n, 2)"""
 
     def write(self, path: Path) -> None:
-        """Write the log.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
-        columns = [self.t_s, self.force_ned_n, self.rel_m]
-        names: tuple[str, ...] = REQUIRED
-        if self.vel_mps is not None:
-            columns.append(self.vel_mps)
-            names += VELOCITY
-        table = np.column_stack(columns)
-        np.savetxt(path, table, "%.6f", delimiter=",", header=",".join(names), comments="", encoding="utf-8")
+        """Write the log; see `swingd.identify.swing_log.write`."""
+        write_rows(path, self.t_s, self.force_ned_n, self.rel_m, vel_mps=self.vel_mps)
 
 
 def read_watched(path: Path) -> Watched:
@@ -70,9 +58,7 @@ def read_watched(path: Path) -> Watched:
     """
     columns = read_columns(path, lambda _names: WATCHED)
     kept = np.isfinite(np.column_stack([columns[name] for name in WATCHED])).all(axis=1)
-    for name in _HANGING:
-        if name in columns:
-            kept &= columns[name] == 1.0
+    kept &= hanging(columns)
     t_boot_s = columns["t_boot_s"][kept]
     if not (np.diff(t_boot_s) > 0.0).all():
         at = int(np.flatnonzero(~(np.diff(t_boot_s) > 0.0))[0])
@@ -132,9 +118,8 @@ def _hook_ned_m(t_s: FloatArray, attitudes: Sequence[Attitude], hook_frd_m: tupl
     times = np.array([attitude.t_boot_s for attitude in attitudes])
     angles = np.array([(a.roll_rad, a.pitch_rad, a.yaw_rad) for a in attitudes])
     roll, pitch, yaw = (np.interp(t_s, times, angle) for angle in np.unwrap(angles, axis=0).T)
-    forward, right, down = hook_frd_m
-    # Turned by roll, then by pitch, then by yaw.
-    y = np.cos(roll) * right - np.sin(roll) * down
-    z = np.sin(roll) * right + np.cos(roll) * down
-    x = np.cos(pitch) * forward + np.sin(pitch) * z
-    return np.column_stack([np.cos(yaw) * x - np.sin(yaw) * y, np.sin(yaw) * x + np.cos(yaw) * y])
+    hook, ned_from_frd, places = np.array(hook_frd_m), np.empty((3, 3)), np.empty((t_s.size, 2))
+    for row in range(t_s.size):
+        level_from_frd(ned_from_frd, roll[row], pitch[row], yaw[row])
+        places[row] = ned_from_frd[:2] @ hook
+    return places

@@ -89,6 +89,18 @@ _NETWORK: dict[str, type[UdpIn] | type[UdpOut] | type[TcpIn] | type[TcpOut]] = {
 _HOST_PORT = re.compile(r"(?:\[(?P<v6>[0-9A-Fa-f:.]+(?:%[\w.-]+)?)\]|(?P<host>[\w.-]*)):(?P<port>\d{1,5})/?", re.ASCII)
 
 
+def taken_by(url: LinkUrl) -> str | None:
+    """Name what only one link can have; None if there is no such thing."""
+    match url:
+        case UdpIn(port=port) if port:
+            return f"UDP port {port}"
+        case TcpIn(port=port) if port:
+            return f"TCP port {port}"
+        case SerialPort(device=device):
+            return device
+    return None
+
+
 def parse_url(url: str, default_host: str = ANY_HOST) -> LinkUrl:
     """Parse a link URL.
 

@@ -4,7 +4,7 @@ import csv
 import gzip
 import io
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -142,6 +142,16 @@ def read_columns(path: Path | str, wanted: Callable[[Sequence[str]], Sequence[st
     return dict(zip(names, read_table(path, text, len(names), header=True).T, strict=True))
 
 
+def hanging(columns: Mapping[str, FloatArray]) -> BoolArray:
+    """Tell the rows with a load on a taut cable, as far as ``attached`` and ``taut`` are among the columns."""
+    told = [columns[name] == 1.0 for name in ("attached", "taut") if name in columns]
+    return np.logical_and.reduce(told) if told else np.ones(columns["t_boot_s"].size, dtype=np.bool_)
+
+
+def _angle_columns(names: Container[str]) -> tuple[str, ...]:
+    return _PX4_SITL if _PX4_SITL[0] in names else _OWN
+
+
 def within(truth: SwingTruth, start_s: float | None = None, end_s: float | None = None) -> SwingTruth:
     """Return the truth with nothing outside of a window of ``t_boot_s`` [s], both ends included, valid."""
     valid = truth.valid.copy()
@@ -169,15 +179,13 @@ def read_truth(path: Path | str, start_s: float | None = None, end_s: float | No
     LogFormatError
         If the file is not such a table; names file, line and what was expected.
     """
-    columns = read_columns(path, lambda names: ("t_boot_s", *(_PX4_SITL if _PX4_SITL[0] in names else _OWN)))
+    columns = read_columns(path, lambda names: ("t_boot_s", *_angle_columns(names)))
     t_boot_s = columns["t_boot_s"]
     wrong = np.flatnonzero(~(np.diff(t_boot_s) > 0.0))
     if wrong.size or not np.isfinite(t_boot_s).all():
         at = int(wrong[0]) + 1 if wrong.size else int(np.flatnonzero(~np.isfinite(t_boot_s))[0])
         raise LogFormatError(f"{path}, row {at + 1}: t_boot_s = {t_boot_s[at]}; expected more than in the row before")
-    xi, zeta, xi_rate, zeta_rate = (columns[name] for name in (_PX4_SITL if _PX4_SITL[0] in columns else _OWN))
+    xi, zeta, xi_rate, zeta_rate = (columns[name] for name in _angle_columns(columns))
     valid = np.isfinite(xi) & np.isfinite(zeta) & np.isfinite(xi_rate) & np.isfinite(zeta_rate)
-    for name in ("attached", "taut"):
-        if name in columns:
-            valid &= columns[name] == 1.0
+    valid &= hanging(columns)
     return within(SwingTruth(t_boot_s, xi, zeta, xi_rate, zeta_rate, valid), start_s, end_s)

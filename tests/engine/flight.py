@@ -6,6 +6,7 @@ import math
 import struct
 from collections.abc import Callable, Collection
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from swingd.link.codec import Codec, Frame, Framer
 from swingd.link.port import Port
 from swingd.model.actions import Action, Health, Setpoint, StatusText, SwingReport
 from swingd.model.parameters import Mode, Parameters, SimulatedKind
+from swingd.pipeline.path import PathState
 from swingd.record.event_log import EventLogWriter
 from swingd.sim.autopilot import NavState
 from swingd.sim.lockstep import EngineCompanion, Lockstep
@@ -385,3 +387,22 @@ def swing_energy(truth: Truth, length_m: float) -> float:
     """Of the load relative to the vehicle, per mass [J/kg]."""
     motion = np.subtract(truth.load_vel_ned_mps, truth.vel_ned_mps)
     return 0.5 * float(motion @ motion) + 9.80665 * length_m * (1.0 - math.cos(truth.chi_rad))
+
+
+def errors_m(load: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Horizontal and vertical distance from the nearest leg."""
+    level, down = np.full(len(load), math.inf), np.zeros(len(load))
+    for begin, end in pairwise(corners):
+        leg = end - begin
+        share = np.clip((load - begin) @ leg / (leg @ leg), 0.0, 1.0)
+        away = load - begin - share[:, None] * leg
+        nearer = np.hypot(away[:, 0], away[:, 1]) < level
+        level[nearer], down[nearer] = np.hypot(away[nearer, 0], away[nearer, 1]), away[nearer, 2]
+    return level, down
+
+
+def state(flight: Flight) -> PathState:
+    """How far its path has come."""
+    progress = flight.engine.pipeline.path
+    assert progress is not None
+    return progress.state

@@ -4,7 +4,6 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -26,9 +25,10 @@ from swingd.pipeline.path import PathState
 from swingd.record.event_log import EventLogWriter
 from swingd.replay import replay
 from swingd.sim.faults import parse_fault
+from swingd.sim.plant import rotation_matrix
 from swingd.sim.truth import COLUMNS, truth_row
 
-from .flight import Flight, FloatArray, hold
+from .flight import Flight, FloatArray, errors_m, hold, state
 
 CAMERA_HZ = 15.0
 PARCEL_M2 = 0.05
@@ -80,7 +80,7 @@ class Watch:
         def shown(t_s, frame):  # type: ignore[no-untyped-def]
             told = sighting(t_s, frame)
             if told is not None:
-                rotation = _ned_from_frd(flight)
+                rotation = np.array(rotation_matrix(*flight.peer.truth().ned_from_frd))
                 self.pictures.append((flight.t_s, rotation @ np.array(told.position_m)))
             return told
 
@@ -125,17 +125,6 @@ class Watch:
         load, vehicle = along([x.load_pos_ned_m for x in truths]), along([x.pos_ned_m for x in truths])
         load_vel, vel = along([x.load_vel_ned_mps for x in truths]), along([x.vel_ned_mps for x in truths])
         return (vehicle - load)[:, :2], (vel - load_vel)[:, :2]
-
-
-def _ned_from_frd(flight: Flight) -> FloatArray:
-    w, x, y, z = flight.peer.truth().ned_from_frd
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def rms(errors: FloatArray) -> float:
@@ -352,18 +341,12 @@ def led(learned: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Wat
         flight = Flight(dragged(believes), believes, log=log)
         watches[name] = watch = Watch(flight)
         flight.take_off().run_until_healthy(8.0).enter_offboard()
-        flight.run_while(lambda flight=flight: _state(flight) is not PathState.ARRIVED, 40.0)  # type: ignore[misc]
+        flight.run_while(lambda flight=flight: state(flight) is not PathState.ARRIVED, 40.0)  # type: ignore[misc]
         flight.run(2.0)
         log.close()
         assert watch.known
         flight.recording = folder / f"{name}.swingd"  # type: ignore[attr-defined]
     return watches
-
-
-def _state(flight: Flight) -> PathState:
-    progress = flight.engine.pipeline.path
-    assert progress is not None
-    return progress.state
 
 
 def _begun_s(watch: Watch) -> float:
@@ -396,11 +379,7 @@ def test_the_load_arrives_led_by_it(led: dict[str, Watch]) -> None:
     begun_s = _begun_s(led["learned"])
     load = np.array([t.load_pos_ned_m for t in flight.truths if t.t_boot_s >= begun_s])
     corners = load[0] + np.array([(0.0, 0.0, 0.0), *((w.north_m, w.east_m, w.down_m) for w in ZIGZAG)])
-    away = np.full(len(load), math.inf)
-    for begin, end in pairwise(corners):
-        leg = end - begin
-        share = np.clip((load - begin) @ leg / (leg @ leg), 0.0, 1.0)
-        away = np.minimum(away, np.linalg.norm((load - begin - share[:, None] * leg)[:, :2], axis=1))
+    away, _ = errors_m(load, corners)
     assert math.sqrt(np.mean(away**2)) < 0.6
     assert math.dist(load[-1][:2], corners[-1][:2]) < 0.8
 

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path as File
 
 import numpy as np
@@ -23,7 +22,7 @@ from swingd.sim import geodesy
 from swingd.sim.autopilot import NavState
 from swingd.sim.missions import MissionItem
 
-from .flight import Flight, FloatArray, hold
+from .flight import Flight, FloatArray, errors_m, hold, state
 
 SIDE_M = 20.0
 SQUARE = (Waypoint(SIDE_M), Waypoint(SIDE_M, SIDE_M), Waypoint(0.0, SIDE_M), Waypoint())
@@ -78,28 +77,10 @@ def speed_mps(flight: Flight) -> float:
     return math.hypot(*flight.peer.truth().load_vel_ned_mps)
 
 
-def errors_m(load: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Horizontal and vertical distance from the nearest leg."""
-    level, down = np.full(len(load), math.inf), np.zeros(len(load))
-    for begin, end in pairwise(corners):
-        leg = end - begin
-        share = np.clip((load - begin) @ leg / (leg @ leg), 0.0, 1.0)
-        away = load - begin - share[:, None] * leg
-        nearer = np.hypot(away[:, 0], away[:, 1]) < level
-        level[nearer], down[nearer] = np.hypot(away[nearer, 0], away[nearer, 1]), away[nearer, 2]
-    return level, down
-
-
 def led(flight: Flight) -> list[float]:
     """When accelerations were sent that lead the load."""
     motion = SetpointUse.POS | SetpointUse.VEL | SetpointUse.ACC
     return [t_s for t_s, setpoint in flight.setpoints if setpoint.use & motion == SetpointUse.ACC]
-
-
-def state(flight: Flight) -> PathState:
-    progress = flight.engine.pipeline.path
-    assert progress is not None
-    return progress.state
 
 
 @pytest.fixture(scope="module")
